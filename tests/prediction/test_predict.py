@@ -104,29 +104,29 @@ def dense_weights(
 def reference(
     page: Page, sensor: SensorModel, geometry: ScanGeometry, placement: Placement
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Every raster row at the columns where it is seen, then these along, all weights in double precision."""
+    """The rows that each line sees at every raster column, then these across, all weights in double precision."""
     lines = geometry.lines(page.height_mm)
     rows, columns = page.cmyk.shape[:2]
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
-    x = geometry.centres_x_mm(page.width_mm)
-    row_mm, x_rows = np.meshgrid((np.arange(rows) + 0.5) * page.pixel_mm, x, indexing="ij")
-    y = row_mm.copy()
+    y = geometry.centres_y_mm(lines)
+    y_columns, column_mm = np.meshgrid(y, (np.arange(columns) + 0.5) * page.pixel_mm, indexing="ij")
+    x = column_mm.copy()
     for _ in range(6):
-        y += row_mm - placement.seen_mm(x_rows, y, **size)[1]
-    seen_x = placement.seen_mm(x_rows, y, **size)[0]
-    y_lines, x_lines = np.meshgrid(geometry.centres_y_mm(lines), x, indexing="ij")
-    seen_y = placement.seen_mm(x_lines, y_lines, **size)[1]
+        x += column_mm - placement.seen_mm(x, y_columns, **size)[0]
+    seen_y = placement.seen_mm(x, y_columns, **size)[1]
+    y_lines, x_lines = np.meshgrid(y, geometry.centres_x_mm(page.width_mm), indexing="ij")
+    seen_x = placement.seen_mm(x_lines, y_lines, **size)[0]
     foot = sensor.footprint
     light = sixteen_corners(sensor.mean_dn, page.cmyk) - sensor.backing_dn
     noise = sixteen_corners(sensor.variance_dn2, page.cmyk) - sensor.backing_variance_dn2
-    filtered = np.empty((2, rows, x.size))
-    for row in range(rows):
-        across = dense_weights(foot.across, foot.reach_mm, seen_x[row], page.pixel_mm, columns)
-        filtered[:, row] = across @ light[row], across @ noise[row]
-    result = np.empty((2, lines, x.size))
-    for column in range(x.size):
+    filtered = np.empty((2, lines, columns))
+    for column in range(columns):
         along = dense_weights(foot.along, foot.reach_mm, seen_y[:, column], page.pixel_mm, rows)
-        result[:, :, column] = filtered[:, :, column] @ along.T
+        filtered[:, :, column] = along @ light[:, column], along @ noise[:, column]
+    result = np.empty((2, lines, seen_x.shape[1]))
+    for line in range(lines):
+        across = dense_weights(foot.across, foot.reach_mm, seen_x[line], page.pixel_mm, columns)
+        result[:, line] = filtered[:, line] @ across.T
     mean = result[0] + sensor.backing_dn
     variance = result[1] + sensor.backing_variance_dn2
     expected = np.clip(sensor.column_offset_dn + sensor.column_gain * mean, 0, sensor.top_code_dn)

@@ -65,10 +65,10 @@ def predict(
     """Predict all lines of a page at ``placement``, as designed or with its planes displaced.
 
     The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not
-    the signal of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row
-    across, at the columns at which it is seen, then those rows along. The footprint moves with the page and
-    is sheared by its turn, but not stretched by its stretch. Displacements are linear between nodes 16 camera
-    pixels apart (``sampling_grid``).
+    the signal of half-strength ink), then filtered and area-sampled at the camera's pixels: the raster rows that
+    a line sees along, then their sums across. (A page that is only shifted is filtered across first.) The footprint
+    moves with the page and is sheared by its turn, but not stretched by its stretch. Displacements are linear between
+    nodes (``sampling_grid``).
 
     repeats: which raster rows equal the one above (``repeats_of``), so that they are not read; None: not known.
     threads: number of bands of lines that run at once; by default one a core.
@@ -77,7 +77,7 @@ def predict(
     shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
     light, spread = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    where = sampling_grid(page, geometry, placement)
+    where = sampling_grid(page, geometry, placement, along_first=not placement.is_shift)
     filtered = []
     for sensor, mean_out, variance_out in zip(sensors, light, spread, strict=True):
         filtered.append((sensor, sensor.mean_dn, sensor.backing_dn, mean_out))

@@ -1,8 +1,10 @@
 """Positions of camera pixels on a page that is slightly displaced, in raster pixels, at a few nodes.
 
-Prediction filters in two passes: every raster row across, then those rows along. The first needs the raster
-column seen at each raster row and camera column; the second needs the raster row seen at each line and
-column. Both vary slowly, so they are tabulated at nodes and interpolated linearly.
+Filters take two passes. Simulation filters every raster row across, then those rows along: the first needs the
+raster column seen at each raster row and camera column; the second needs the raster row seen at each line and column.
+Prediction sums up the rows of each line along, then these sums across, which takes less time: it needs the raster row
+seen at each line and raster column, and the raster column seen at each line and camera column. All vary slowly, so
+they are tabulated at nodes and interpolated linearly.
 """
 
 from __future__ import annotations
@@ -57,9 +59,9 @@ class SamplingGrid:
     """Coordinates for the two filter passes."""
 
     across: Nodes
-    """Raster columns, at raster rows and camera columns."""
+    """Raster columns, at raster rows (lines if along comes first) and camera columns."""
     along: Nodes
-    """Raster rows, at lines and camera columns."""
+    """Raster rows, at lines and camera columns (raster columns if along comes first)."""
     still: bool
     """Whether the point seen at a column is the same in every row, but for the row's own place."""
     stride: int
@@ -83,9 +85,14 @@ class SamplingGrid:
         return across, along
 
 
-def sampling_grid(page: Page, geometry: ScanGeometry, placement: Placement) -> SamplingGrid:
-    """Return the points of ``page`` that the camera sees where ``placement`` puts it."""
-    rows, lines = page.cmyk.shape[0], geometry.lines(page.height_mm)
+def sampling_grid(
+    page: Page, geometry: ScanGeometry, placement: Placement, *, along_first: bool = False
+) -> SamplingGrid:
+    """Return the points of ``page`` that the camera sees where ``placement`` puts it.
+
+    along_first: for a filter that sums up the rows of each line first; a page that is only shifted has none.
+    """
+    (rows, columns), lines = page.cmyk.shape[:2], geometry.lines(page.height_mm)
     x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(lines)
     pixel_mm = page.pixel_mm
 
@@ -110,10 +117,27 @@ def sampling_grid(page: Page, geometry: ScanGeometry, placement: Placement) -> S
         y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
         return seen(x, y)[1] / pixel_mm
 
+    def column_on_line(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = x_mm[0] + column * geometry.pixel_pitch_mm
+        y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
+        return seen(x, y)[0] / pixel_mm
+
+    def row_on_line(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
+        y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
+        page_x = np.broadcast_to((column + 0.5) * pixel_mm, y.shape)
+        x = page_x
+        for _ in range(2):  # as in column_at
+            x = x + page_x - seen(x, y)[0]
+        return seen(x, y)[1] / pixel_mm
+
     ratio = geometry.pixel_pitch_mm / pixel_mm
     bend, still = BEND_PIXELS * ratio, placement.is_shift
-    across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
-    along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
+    if along_first:
+        across = _nodes(column_on_line, lines, geometry.pixels, bend=bend, within=True)
+        along = _nodes(row_on_line, lines, columns, bend=bend, within=True)
+    else:
+        across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
+        along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
     steps = np.diff(across.places[0]) / across.segment
     even = still and np.abs(steps - round(ratio)).max() < _ROUNDING
     return SamplingGrid(
@@ -131,18 +155,25 @@ def _nodes(
     columns: int,
     *,
     bend: float,
-    still: bool,
+    still: bool = False,
+    within: bool = False,
 ) -> Nodes:
     """Return nodes as coarse as the curvature of places allows.
 
     still: the point seen at a column is the same in every row, but for the row's own place, so one cell down
-    is enough.
+    is enough. within: places are wanted at columns of the page alone.
     """
     pitch = max(rows, 1) if still else NODE_PITCH
     down = np.arange(-(-rows // pitch) + 1, dtype=np.float64) * pitch
 
     def at(segment: int) -> NDArray[np.float64]:
-        return place(down, np.arange(-(-columns // segment) + 1, dtype=np.float64) * segment)
+        across = np.arange(-(-columns // segment) + 1, dtype=np.float64) * segment
+        if not within:
+            return place(down, across)
+        # The last node is where a line to the page's end leads: a warp may bend beyond.
+        places = place(down, np.append(across[:-1], columns))
+        places[:, -1] = places[:, -2] + (places[:, -1] - places[:, -2]) * (segment / (columns - across[-2]))
+        return places
 
     places, segment = at(NODE_PITCH), NODE_PITCH
     while segment < min(columns, MOST_COLUMNS) and _straight(places, bend):

@@ -14,7 +14,7 @@ ALGORITHMS: Final = {
     "matched filter": 6,
     "pages": 1,
     "paper": 1,
-    "prediction": 1,
+    "prediction": 2,
     "registration": 3,
     "simulation": 1,
     "studies": 1,

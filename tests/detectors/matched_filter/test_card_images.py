@@ -135,7 +135,11 @@ def every(one):  # type: ignore[no-untyped-def]
 
 
 def close(found, asked) -> None:  # type: ignore[no-untyped-def]
-    """Alike to a thousandth of their root mean square; the loops add up in another order."""
+    """Alike to a twentieth of their root mean square.
+
+    The card takes the nearest of 4,096 phases of a pixel, and the processor what lies between: at an edge of 3,000 DN
+    that is 0.4 DN, 0.04 of the noise.
+    """
     scale = float(np.sqrt(np.square(asked, dtype=np.float64).mean()))
     off = float(np.abs(np.asarray(found, np.float64) - asked).max()) / max(scale, 1e-9)
-    assert off < 5e-3
+    assert off < 0.05

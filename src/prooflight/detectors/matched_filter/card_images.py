@@ -249,8 +249,12 @@ class CardImages:
         """Predict all sensors at a placement, into rooms named by ``again``."""
         page, of = self._page, self._page.design
         raster, planes = raster_and_planes(page.printed, placement)
-        grid = sampling_grid(raster, of.geometry, placement)
-        if grid.still or raster is not of.page or any(shot_slope(sensor) <= 0 for sensor in of.sensors):
+        grid = sampling_grid(raster, of.geometry, placement, along_first=True)
+        if (
+            placement.is_shift
+            or raster is not of.page
+            or any(shot_slope(sensor) <= 0 for sensor in of.sensors)
+        ):
             seen = page.predict(placement)
             for s in range(self._sensors):
                 self._fill(f"mean {again} {s}", seen.expected_dn[s])
@@ -286,13 +290,15 @@ class CardImages:
         run, on_card, (lines, pixels) = self._runner.run, self._design.sensors[s], self._shape
         rows, columns = self._design.packed.shape
         aims = []
-        for (name, nodes, pitch, segment, reach, table), extent in zip(passes, (rows, lines), strict=True):
-            shape = extent, -(-pixels // segment)
+        for (name, nodes, pitch, segment, reach, table), extent in zip(
+            passes, (pixels, columns), strict=True
+        ):
+            shape = lines, -(-extent // segment)
             base = self._room(f"{name} base", shape, np.int32)
             at, advance = self._room(f"{name} at", shape), self._room(f"{name} advance", shape)
             run(prediction.aim, shape, nodes, pitch, segment, reach, bits, base, at, advance)
             aims.append((base, at, advance, segment, bits, table))
-        light, seen = self._room("raster light", (rows, columns)), self._room("rows seen", (rows, pixels))
+        light, summed = self._room("raster light", (rows, columns)), self._room("rows", (lines, columns))
         run(
             prediction.lookup,
             (rows, columns),
@@ -301,9 +307,9 @@ class CardImages:
             *on_card.recipe,
             light,
         )
-        run(prediction.across, (rows, pixels), light, *aims[0], seen)
+        run(prediction.along, (lines, columns), light, *aims[1], summed)
         out = self._room("uncorrected")
-        run(prediction.along, (lines, pixels), seen, *aims[1], out)
+        run(prediction.across, (lines, pixels), summed, *aims[0], out)
         small, large = ((-(-lines // side), -(-pixels // side)) for side in (FAR_BLOCK, FARTHER_BLOCK))
         blocks, larger = self._room("blocks", small), self._room("larger blocks", large)
         run(prediction.block_means, small, out, FAR_BLOCK, blocks)

@@ -99,26 +99,26 @@ def begin_at(r, i, base, at, advance, segment, bits):  # type: ignore[no-untyped
 
 
 @body
-def across(r, i, light, base, at, advance, segment, bits, table, out):  # type: ignore[no-untyped-def]
-    """Filter raster row r across at camera column i: out (rows, pixels)."""
-    first, phase = begin_at(r, i, base, at, advance, segment, bits)
-    total = ZERO
-    for t in range(table.shape[1]):
-        x = first + t
-        if 0 <= x < light.shape[1]:
-            total += table[phase, t] * light[r, x]
-    out[r, i] = total
-
-
-@body
-def along(line, i, rows_seen, base, at, advance, segment, bits, table, out):  # type: ignore[no-untyped-def]
-    """Filter filtered rows along at a line: out (lines, pixels)."""
-    first, phase = begin_at(line, i, base, at, advance, segment, bits)
+def along(line, x, light, base, at, advance, segment, bits, table, out):  # type: ignore[no-untyped-def]
+    """Sum up the rows that a line sees at a raster column: out (lines, columns)."""
+    first, phase = begin_at(line, x, base, at, advance, segment, bits)
     total = ZERO
     for t in range(table.shape[1]):
         y = first + t
-        if 0 <= y < rows_seen.shape[0]:
-            total += table[phase, t] * rows_seen[y, i]
+        if 0 <= y < light.shape[0]:
+            total += table[phase, t] * light[y, x]
+    out[line, x] = total
+
+
+@body
+def across(line, i, summed, base, at, advance, segment, bits, table, out):  # type: ignore[no-untyped-def]
+    """Filter a line's sums across at camera column i: out (lines, pixels)."""
+    first, phase = begin_at(line, i, base, at, advance, segment, bits)
+    total = ZERO
+    for t in range(table.shape[1]):
+        x = first + t
+        if 0 <= x < summed.shape[1]:
+            total += table[phase, t] * summed[line, x]
     out[line, i] = total
 
 

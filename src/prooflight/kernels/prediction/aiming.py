@@ -100,6 +100,18 @@ def weights_at_phases(cumulative, step, count, taps):  # type: ignore[no-untyped
     return table
 
 
+@inner_kernel()
+def derivatives(table):  # type: ignore[no-untyped-def]
+    """Return the change of weights (phases + 1, taps) from each phase to the next."""
+    changes = np.empty_like(table)
+    last = table.shape[0] - 1
+    for phase in range(last + 1):
+        low, high = max(phase - 1, 0), min(phase + 1, last)
+        for t in range(table.shape[1]):
+            changes[phase, t] = (table[high, t] - table[low, t]) / np.float32(max(high - low, 1))
+    return changes
+
+
 @kernel("cumulative (_), step, count, taps")
 def phase_weights(cumulative, step, count, taps):  # type: ignore[no-untyped-def]
     """Return ``weights_at_phases``, for callers that are not compiled."""

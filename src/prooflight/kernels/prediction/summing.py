@@ -14,6 +14,8 @@ from prooflight.kernels.vectors import FLOAT, FUSED, INT, LONG, filled, number_a
 
 FEWEST, FEW, MANY = 8, 16, 64
 EIGHT = FEWEST
+GROUP = 8
+"""Raster columns that are summed up along at once."""
 
 
 def summing(count: int) -> Any:
@@ -115,33 +117,39 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
 
 
 @intrinsic
-def transpose_eight(context, block, at, stride, out, to, out_stride):  # type: ignore[no-untyped-def]
-    """Set out[to + out_stride i + k] = block[at + stride k + i], i, k < 8; block, out (n,) float32, contiguous."""
+def sum_tilted(context, source, starts, start, table, slopes, weight, taps, rest, tilt, out, at):  # type: ignore[no-untyped-def]
+    """Set out[at + i] = sum over t < taps of w[t, i] source[starts[start + t] + at + i], i < GROUP.
+
+    w[t, i] = table[weight + t] + (rest + tilt (i - (GROUP - 1) / 2)) slopes[weight + t]. source, table, slopes,
+    out (n,) float32; starts (n,) int64; rest, tilt float32. All contiguous.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        block, out = (make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
-
-        def place(array: Any, start: Any, stride: Any, n: int) -> Any:
-            index = builder.add(start, builder.mul(stride, ir.Constant(LONG, n)))
-            return vector_at(builder, array, index, EIGHT)
-
-        rows = [builder.load(place(block, args[1], args[2], n), align=4) for n in range(EIGHT)]
-        for distance in (
-            4,
-            2,
-            1,
-        ):  # neighbours at this distance swap the halves of their pieces of twice that
-            for n in (n for n in range(EIGHT) if not n & distance):
-                one, other = rows[n], rows[n + distance]
-                low = [i if not i & distance else i - distance + EIGHT for i in range(EIGHT)]
-                high = [i + distance if not i & distance else i + EIGHT for i in range(EIGHT)]
-                rows[n], rows[n + distance] = (
-                    _shuffled(builder, one, other, low),
-                    _shuffled(builder, one, other, high),
-                )
-        for n, row in enumerate(rows):
-            builder.store(row, place(out, args[4], args[5], n), align=4)
+        arrays = (0, 1, 3, 4, 9)
+        source, starts, table, slopes, out = (
+            make_array(signature.args[n])(context, builder, args[n]).data for n in arrays
+        )
+        start, weight, taps, rest, tilt, at = (args[n] for n in (2, 5, 6, 7, 8, 10))
+        pixels = ir.VectorType(FLOAT, GROUP)
+        none = ir.Constant(pixels, [ir.Constant(FLOAT, 0.0)] * GROUP)
+        total, change = (cgutils.alloca_once_value(builder, none) for _ in range(2))
+        with cgutils.for_range_slice(builder, ir.Constant(LONG, 0), taps, ir.Constant(LONG, 1)) as (tap, _):
+            place = builder.add(builder.load(number_at(builder, starts, builder.add(start, tap))), at)
+            seen = builder.load(vector_at(builder, source, place, GROUP), align=4)
+            for array, onto in ((table, total), (slopes, change)):
+                by = filled(builder, builder.load(number_at(builder, array, builder.add(weight, tap))), GROUP)
+                product = builder.fmul(by, seen, flags=FUSED)
+                builder.store(builder.fadd(product, builder.load(onto), flags=FUSED), onto)
+        middle = (GROUP - 1) / 2
+        ramp = ir.Constant(pixels, [ir.Constant(FLOAT, i - middle) for i in range(GROUP)])
+        tilts = builder.fadd(builder.fmul(ramp, filled(builder, tilt, GROUP)), filled(builder, rest, GROUP))
+        product = builder.fmul(tilts, builder.load(change), flags=FUSED)
+        result = builder.fadd(product, builder.load(total), flags=FUSED)
+        builder.store(result, vector_at(builder, out, at, GROUP), align=4)
         return context.get_dummy_value()
 
     whole = types.int64
-    return types.void(block, whole, whole, out, whole, whole), generate
+    signature = types.void(
+        source, starts, whole, table, slopes, whole, whole, types.float32, types.float32, out, whole
+    )
+    return signature, generate

@@ -137,6 +137,7 @@ def test_a_wrong_value_under_a_right_digest_is_refused_and_named(
         ("clipped", [{"black": 0.0, "saturation": 0.0}] * 2),
         ("variation", {"ink": {"gain_print_percent": float("nan")}}),
         ("variation", {"ink": [[[[[[[1]]]]]]]}),
+        ("variation", {"world": "ideal"}),
         ("detectors.matched_filter.false_alarm_rate", 0.0),
         ("detectors.matched_filter.real", 19),  # of 18 pages
         ("detectors.matched_filter.real", -1),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.commissioning.training.simulated_days import good_prior
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
@@ -19,6 +20,7 @@ from prooflight.simulation.scans import simulate
 from prooflight.simulation.session import Session, session_of
 from prooflight.simulation.worlds import (
     Amounts,
+    amounts_of,
     measured_digest,
     measured_text,
     world_named,
@@ -153,6 +155,16 @@ def test_a_day_of_studies_may_be_of_this_world(press: Press) -> None:
     day = SimulatedDay.begin("measured", press, stream(1, "session"))
     assert day.session is not None
     assert day.session.sheets is not None
+
+
+def test_a_press_that_states_this_world_varies_so_in_its_own(press: Press) -> None:
+    stated = replace(press, variation={"world": "measured", "ink": {"gain_print_percent": 0.5}})
+    amounts = amounts_of(stated)
+    assert amounts.sheet == Amounts.stated(world="measured").sheet
+    assert amounts.screen is None  # the press file says how a press screens
+    assert amounts.ink.gain_print_percent == 0.5  # a single amount stands as given
+    assert good_prior(stated).gain < good_prior(press).gain
+    assert amounts_of(press).sheet is None
 
 
 def test_another_world_is_refused_in_one_line() -> None:

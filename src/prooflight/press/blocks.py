@@ -288,8 +288,11 @@ VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
 
 
 def _variation_block() -> type[_Block]:
-    """Build ``[variation]``: ``all_times``, a factor on the amounts that are not given, and the amounts that are."""
-    blocks: dict[str, Any] = {"all_times": (Annotated[float, Field(strict=True, ge=0, le=100)], 1.0)}
+    """Build ``[variation]``: the world, a factor on the amounts that are not given, and the amounts that are."""
+    blocks: dict[str, Any] = {
+        "world": (Literal["press", "measured"], "press"),
+        "all_times": (Annotated[float, Field(strict=True, ge=0, le=100)], 1.0),
+    }
     for block, names in VARIATION.items():
         fields: dict[str, Any] = {
             name: (Range if name in VARIATION_RANGES else Amount, None) for name in names

@@ -56,6 +56,8 @@ MOST_CODE: Final = 65535
 EVEN: Final = 1e-3
 """Tolerance of weights that sum to 1: rounding of float32 comes to 1e-6."""
 
+STATED_WORLDS: Final = ("press", "measured")
+"""Worlds of which a press may state that its good prints vary as theirs do."""
 MODELS: Final = "detectors."
 """Beginning of the names of the tensors of detectors' models; the detector's name follows, and a full stop."""
 
@@ -108,7 +110,10 @@ def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, 
     raw = parsed(document)
     facts = checked(PressFacts, raw)
     _check_geometry(facts)
-    _check_amounts(raw["variation"], "variation")
+    variation = dict(raw["variation"])
+    if variation.pop("world", "press") not in STATED_WORLDS:
+        raise Misfit("variation.world", f"must be {' or '.join(STATED_WORLDS)}")
+    _check_amounts(variation, "variation")
     if facts.clipped and len(facts.clipped) != len(facts.sensors):
         raise Misfit("clipped", f"is of {len(facts.clipped)} sensors of {len(facts.sensors)}")
     if facts.spot_units is not None and len(facts.spot_units.response_dn) != len(facts.sensors):

@@ -218,7 +218,13 @@ class Amounts:
 
 
 def amounts_of(press: Press, world: World = "press") -> Amounts:
-    """Return the variation of good prints of ``press``: its press file's ``[variation]`` over the world's."""
+    """Return the variation of good prints of ``press``: its press file's ``[variation]`` over the world's.
+
+    In the world ``press`` a press varies as it states: one that states the world ``measured`` as sheets of that world
+    do, though without its screen, since the press file says how a press screens.
+    """
+    if world == "press" and press.variation.get("world") == "measured":
+        return replace(Amounts.stated(press.variation, "measured"), screen=None)
     return Amounts.stated(press.variation, world)
 
 

@@ -42,7 +42,9 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 WORLDS: Final = ("press", "measured")
-PAGE: Final = "ripped"
+TEMPLATE: Final = "ripped"
+PAGES: Final = {"press": "ripped", "measured": "ripped-measured"}
+"""Names of the page, by the world that the press file states."""
 GOOD_A_MISPRINT: Final = COPIES_A_PIECE
 """Good prints of a page for each misprint of it: a piece has one."""
 
@@ -131,6 +133,8 @@ class FalseAlarmResults:
     seed: int
     press: str
     press_digest: str
+    varies: str
+    """World that the press file states in ``[variation]``."""
     promise: float
     pages: int
     """Pages that were judged."""
@@ -152,7 +156,7 @@ def run_false_alarm_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> FalseAlarmResults:
-    """Print and judge the pages of a folder, and write ripped.md.
+    """Print and judge the pages of a folder, and write ripped.md, or ripped-measured.md of a press that varies so.
 
     Pages of odd numbers are judged; those of even numbers are of development, and learned. The page also has the rows
     that other runs with this cache, seed and press have made, with as many copies as are made of every page.
@@ -204,6 +208,7 @@ def run_false_alarm_study(
         seed=plan.seed,
         press=loaded.name,
         press_digest=loaded.digest,
+        varies=loaded.variation.get("world", "press"),
         promise=_false_alarm_rate(loaded),
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
@@ -212,7 +217,7 @@ def run_false_alarm_study(
         measured_sha256=measured_digest(),
         rows=tuple(counts(rows, loaded)),
     )
-    write_page(out / f"{PAGE}.md", PAGE, results)
+    write_page(out / f"{PAGES[results.varies]}.md", TEMPLATE, results)
     return results
 
 

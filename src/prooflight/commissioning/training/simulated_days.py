@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -56,7 +55,8 @@ FOLLOWS: Final = {
     "lamp": ("lamp.profile_percent", "lamp.profile_print_percent"),
     "shape": ("camera.table_shape_percent",),
     "gain": ("ink.gain_session_percent", "ink.gain_print_percent"),
-    "tilt": ("ink.gain_tilt_percent",),
+    # Assumed: of what varies from place to place on all sheets alike, as much looks like a tilt as a mid-tint varies.
+    "tilt": ("ink.gain_tilt_percent", "sheet.tint_percent"),
     "dot": ("ink.dot_gain_percent",),
     "plane_mm": ("register.plane_um",),
     "most_plane_mm": ("register.plane_clip_um",),
@@ -106,9 +106,16 @@ def good_prior(press: Press) -> PrintPrior:
 def _times(press: Press, *names: str) -> float:
     """Return the ratio of a press's amounts to the press world's, added up as independent ones."""
     own, world = (
-        math.hypot(*(attrgetter(name)(of) for name in names)) for of in (amounts_of(press), Amounts.stated())
+        math.hypot(*(_amount(of, name) for name in names)) for of in (amounts_of(press), Amounts.stated())
     )
     return max(own / world, LEAST_TIMES)
+
+
+def _amount(amounts: Amounts, name: str) -> float:
+    """Return an amount by its block and name; 0: the block is not of this press's world."""
+    block, field = name.split(".")
+    of_block = getattr(amounts, block)
+    return 0.0 if of_block is None else float(getattr(of_block, field))
 
 
 def fitted(page: Page, geometry: ScanGeometry) -> Page:

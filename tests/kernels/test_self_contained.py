@@ -141,3 +141,23 @@ def of_step(x):
 def digest_now() -> str:
     """Without what is stored of it."""
     return source_digest.__wrapped__(of_step)
+
+
+@kernel("values (N), out (N)", error_model="numpy", fastmath=True)
+def roots(values, out):
+    total = np.float32(0)
+    for i in range(out.size):
+        root = np.sqrt(values[i])
+        out[i] = root
+        total += root
+    return total
+
+
+def test_results_depend_on_the_values_in_arrays_and_not_on_where_these_lie() -> None:
+    """A sum rounds otherwise in another order; one array may also be read and written."""
+    values = np.random.default_rng(1).uniform(1, 1000, 40).astype(np.float32)
+    room = np.concatenate([values, np.zeros(200, np.float32)])
+    sums = {roots(room[:40], room[place : place + 40]) for place in range(40, 200)}
+    assert len(sums) == 1
+    roots(room[:40], room[:40])
+    np.testing.assert_allclose(room[:40], np.sqrt(values), rtol=1e-6)

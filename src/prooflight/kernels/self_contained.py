@@ -8,19 +8,34 @@ results. The names of symbols only count the functions that a process has compil
 two processes may also have the same name.
 
 Here the copies are local: a kernel always calls its own.
+
+Results did not depend on the values in arrays alone either, but on where the arrays lie. LLVM computes several
+elements of a loop at once, unless an array that is written begins up to 256 bytes behind one that is read: they might
+overlap. It then computes one element after the other, which rounds differently with ``fastmath``. Short arrays lie so
+close by chance, depending on what a process has allocated before. Here only arrays that begin at one address count as
+overlapping.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import re
+from typing import Any, Final
 
-from llvmlite.binding import Linkage  # type: ignore[import-untyped]
+from llvmlite.binding import Linkage, parse_assembly  # type: ignore[import-untyped]
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+
+VALUE: Final = r'%(?:"[^"]*"|[-\w$.]+)'
+NEAR: Final = re.compile(rf"(%diff\.check[\w.]* =) icmp ult i64 ({VALUE}), \d+")
+"""LLVM's test whether an array begins shortly behind another."""
+OTHER_SOURCES: Final = {"load", "call", "extractvalue"}
+"""Instructions whose result is not computed from the integers that they are given."""
 
 
 class SelfContainedLibrary(JITCodeLibrary):
     """Machine code of one kernel, which calls its own copies of what was linked with it."""
+
+    _final_module: Any
 
     def _finalize_final_module(self) -> None:
         """Make the copies local after all optimisation, which must not treat them otherwise than numba does.
@@ -29,6 +44,11 @@ class SelfContainedLibrary(JITCodeLibrary):
         """
         self._shared_module = self._final_module.clone()
         _change(self._shared_module, Linkage.external, Linkage.linkonce_odr)
+        text = str(self._final_module)
+        if NEAR.search(text):
+            name = self._final_module.name
+            self._final_module = parse_assembly(wherever_arrays_lie(text))
+            self._final_module.name = name
         _change(self._final_module, Linkage.linkonce_odr, Linkage.internal)
         super()._finalize_final_module()
 
@@ -41,6 +61,38 @@ class SelfContainedCompiler(Compiler):
         state.library = SelfContainedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()  # so that it can be stored
         return super()._compile_core()
+
+
+def wherever_arrays_lie(text: str) -> str:
+    """Return optimised loops, as LLVM's text, in which arrays overlap only if they begin at one address.
+
+    They must not overlap otherwise. Distances within one array depend on its shape alone, and their tests remain.
+    """
+    return "".join(map(_wherever_arrays_lie, re.split(r"^(?=define )", text, flags=re.MULTILINE)))
+
+
+def _wherever_arrays_lie(function: str) -> str:
+    instructions: dict[str, str] = dict(re.findall(rf"^\s*({VALUE}) = (.*)$", function, flags=re.MULTILINE))
+
+    def same(near: re.Match[str]) -> str:
+        return f"{near[1]} icmp eq i64 {near[2]}, 0" if _is_of_addresses(near[2], instructions) else near[0]
+
+    return NEAR.sub(same, function)
+
+
+def _is_of_addresses(value: str, instructions: dict[str, str]) -> bool:
+    """Return whether an integer is computed from addresses; instructions: by the values that they give."""
+    waiting, seen = {value}, set[str]()
+    while waiting:
+        one = waiting.pop()
+        seen.add(one)
+        instruction = instructions.get(one, "")
+        operation = instruction.partition(" ")[0]
+        if operation == "ptrtoint":
+            return True
+        if operation not in OTHER_SOURCES:
+            waiting |= set(re.findall(VALUE, instruction)) - seen
+    return False
 
 
 def _change(module: Any, linkage: Linkage, other: Linkage) -> None:

@@ -26,7 +26,8 @@ def rip(
     part: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PART", help="specification (rip.md) or press (ripped.md); default: the former."
+            metavar="PART",
+            help="specification (rip.md) or press (ripped.md, ripped-measured.md); default: the former.",
         ),
     ] = None,
     cases: CasesDir = None,
@@ -109,7 +110,7 @@ def _press(
     *,
     json: bool,
 ) -> None:
-    from prooflight_studies.ripped.study import PAGE, run_false_alarm_study
+    from prooflight_studies.ripped.study import PAGES, run_false_alarm_study
 
     results = run_false_alarm_study(
         press,
@@ -137,4 +138,4 @@ def _press(
     )
     headings = ("the press prints", "world", "stated", "learned", "alarms", "not inspected", "caught")
     show_table("Good prints that alarm, and misprints that are caught", headings, cells, text_columns=4)
-    show.written(out / f"{PAGE}.md")
+    show.written(out / f"{PAGES[results.varies]}.md")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from _pytest.doctest import DoctestModule  # pytest has no public name for it
+from _pytest.doctest import DoctestItem, DoctestModule  # pytest has no public names for them
 from hypothesis import settings
 from tests import durations
 from tests.stand_ins import SHARED
@@ -51,6 +51,15 @@ def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collecto
     if any(isinstance(one, DoctestModule) for one in collectors) and b">>> " not in file_path.read_bytes():
         return [one for one in collectors if not isinstance(one, DoctestModule)]
     return collectors
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    """Print arrays in doctests as NumPy does by itself; colour-science has NumPy 1.13's way from its import on."""
+    if not isinstance(item, DoctestItem):
+        return (yield)
+    with np.printoptions(legacy=False):
+        return (yield)
 
 
 def pytest_collection_finish() -> None:

@@ -90,6 +90,17 @@ def runs_collect_no_garbage() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def on_one_processor() -> Iterator[None]:
+    """Let commands start no processes: each would load all kernels again, while other tests use the other cores.
+
+    Tests of several processes ask for so many.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "cpu_count", lambda: 1)
+        yield
+
+
 def built_once(path: Path, build: Callable[[], Press]) -> Press:
     """Return the press of a file of the test run; the process that needs it first makes it, and the others read it."""
     with in_turn(path):

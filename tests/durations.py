@@ -5,7 +5,7 @@ share of the fixtures that several tests use. ``make durations`` runs all tests 
 nobody writes there by hand. Processor time is what a test takes whatever else the machine does. Processes that a test
 leaves running count for those tests during which they work.
 
-Beside these are recorded the tests that take long by the clock: CI waits for tests that sleep as for those that compute.
+Beside these are recorded tests that take long by the clock: CI waits for tests that sleep as for those that compute.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class Record:
         write(self.durations(), self.file)
 
     def durations(self) -> dict[str, tuple[float, float]]:
-        """Seconds of every test, of processors and by the clock, with its share of fixtures that it uses with others."""
+        """Seconds of every test, of processors and by the clock, with its share of fixtures that others use too."""
         durations = {name: own.copy() for name, own in self.own.items()}
         for fixture, took in self.common.items():
             for user in self.users[fixture]:

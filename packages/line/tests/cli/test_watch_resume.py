@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.calls import PROOFLIGHT
 from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
@@ -62,7 +63,7 @@ def killed(given: list[str], at: Callable[[list[dict[str, Any]]], bool]) -> list
     with tempfile.NamedTemporaryFile("r") as printed:
         with Path(printed.name).open("w") as output:
             process = subprocess.Popen(
-                [sys.executable, "-m", "prooflight", *given],
+                [*PROOFLIGHT, *given],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                 stdout=output,
             )

@@ -239,7 +239,7 @@ def test_the_gate_goes_on_with_the_tags_of_the_run(
     """Killed when the gate has decided a sheet that the journal does not have yet."""
     journal = tmp_path / "runs.sqlite"
     log = log_path(journal, 1)
-    given = command(folder, journal, "drum:1", "--plant", plant, "--deadline", 8000)
+    given = command(folder, journal, "drum:2", "--plant", plant, "--deadline", 8000)
 
     def between(_rows: list[dict[str, Any]]) -> bool:
         decided = log.read_text().count('"decision"') if log.exists() else 0

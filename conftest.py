@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from _pytest.doctest import DoctestModule  # pytest has no public name for it
+from _pytest.doctest import DoctestItem, DoctestModule  # pytest has no public names for them
 from hypothesis import settings
 from tests import durations
 from tests.stand_ins import SHARED
@@ -53,6 +53,15 @@ def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collecto
     return collectors
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    """Print arrays in doctests as NumPy does by itself; colour-science has NumPy 1.13's way from its import on."""
+    if not isinstance(item, DoctestItem):
+        return (yield)
+    with np.printoptions(legacy=False):
+        return (yield)
+
+
 def pytest_collection_finish() -> None:
     """Exclude all tests and modules from garbage collection: each full one would visit them, for a second or two."""
     gc.collect()
@@ -78,6 +87,17 @@ def runs_collect_no_garbage() -> Iterator[None]:
     spared = SimpleNamespace(collect=lambda: 0, freeze=lambda: None, unfreeze=lambda: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process, "gc", spared)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def on_one_processor() -> Iterator[None]:
+    """Let commands start no processes: each would load all kernels again, while other tests use the other cores.
+
+    Tests of several processes ask for so many.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "cpu_count", lambda: 1)
         yield
 
 

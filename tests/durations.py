@@ -2,30 +2,40 @@
 
 A test is slow if it took more than ``SLOW_S`` seconds of processor time when durations were last recorded, with its
 share of the fixtures that several tests use. ``make durations`` runs all tests and records them in ``durations.json``;
-nobody writes there by hand. Processor time is what a test takes whatever else the machine does.
+nobody writes there by hand. Processor time is what a test takes whatever else the machine does. Processes that a test
+leaves running count for those tests during which they work.
+
+Beside these are recorded tests that take long by the clock: CI waits for tests that sleep as for those that compute.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import time
 from collections import Counter, defaultdict
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from numpy.typing import NDArray
+
 DURATIONS = Path(__file__).with_name("durations.json")
 SLOW_S = 1.0
+LONG_S = 2.0
+"""By the clock. Assumed: twice ``SLOW_S``, since a test shares two cores with two others."""
 QUICK = "not slow"
 """The marker expression of ``make test``."""
 CORES = 2
 COMPILING_S = 120.0
 """Processor time that the kernels take to compile, when tests run for the first time."""
-PROPERTY = "processor_s"
+PROPERTY = "spent_s"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -79,36 +89,38 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 
 
 class Meter:
-    """Measures processor time in the process that runs a test, and hands it on with the test's reports."""
+    """Measures the time that a test takes in the process that runs it, and hands it on with the test's reports."""
 
     def __init__(self) -> None:
-        self._began = 0.0
-        self._common: dict[str, float] = {}
+        self._began = spent_s()
+        self._common: dict[str, NDArray[np.float64]] = {}
         """What fixtures that several tests use took in this phase."""
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, Any, Any]:
         if fixturedef.scope == "function":
             return (yield)
-        began, within = processor_s(), sum(self._common.values())
+        began, within = spent_s(), sum(self._common.values())
         try:
             return (yield)
         finally:
             within = sum(self._common.values()) - within  # fixtures that it asked for count by themselves
-            self._common[_name_of(fixturedef)] = processor_s() - began - within
+            self._common[_name_of(fixturedef)] = spent_s() - began - within
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self) -> Generator[None, Any, Any]:
-        self._began, self._common = processor_s(), {}
+        self._began, self._common = spent_s(), {}
         return (yield)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, Any, Any]:
         report = yield
-        now = processor_s()
-        own = now - self._began - sum(self._common.values())
+        now = spent_s()
+        # A process that outlives the one that started it is nobody's child, and what it used is no longer seen.
+        own = np.maximum(now - self._began - sum(self._common.values()), 0.0)
+        common = {name: took.tolist() for name, took in self._common.items()}
         report.user_properties.append(
-            (PROPERTY, {"own": own, "common": self._common, "uses": _common_of(item)})
+            (PROPERTY, {"own": own.tolist(), "common": common, "uses": _common_of(item)})
         )
         self._began, self._common = now, {}
         return report
@@ -119,8 +131,8 @@ class Record:
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        self.own: dict[str, float] = defaultdict(float)
-        self.common: dict[str, float] = defaultdict(float)
+        self.own: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))
+        self.common: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))
         self.users: dict[str, set[str]] = defaultdict(set)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -129,20 +141,20 @@ class Record:
                 self.own[report.nodeid] += measured["own"]
                 for fixture in measured["uses"]:
                     self.users[fixture].add(report.nodeid)
-                for fixture, took_s in measured["common"].items():  # each process makes one
-                    self.common[fixture] = max(self.common[fixture], took_s)
+                for fixture, took in measured["common"].items():  # each process makes one
+                    self.common[fixture] = np.maximum(self.common[fixture], took)
         report.user_properties = [pair for pair in report.user_properties if pair[0] != PROPERTY]
 
     def pytest_sessionfinish(self) -> None:
         write(self.durations(), self.file)
 
-    def durations(self) -> dict[str, float]:
-        """Seconds of every test, with its share of the fixtures that it uses with others."""
-        durations = dict(self.own)
-        for fixture, took_s in self.common.items():
+    def durations(self) -> dict[str, tuple[float, float]]:
+        """Seconds of every test, of processors and by the clock, with its share of fixtures that others use too."""
+        durations = {name: own.copy() for name, own in self.own.items()}
+        for fixture, took in self.common.items():
             for user in self.users[fixture]:
-                durations[user] += took_s / len(self.users[fixture])
-        return durations
+                durations[user] += took / len(self.users[fixture])
+        return {name: (float(took[0]), float(took[1])) for name, took in durations.items()}
 
 
 def _name_of(fixturedef: Any) -> str:
@@ -156,11 +168,13 @@ def _common_of(item: pytest.Item) -> list[str]:
     return [_name_of(definitions[-1]) for definitions in used if definitions[-1].scope != "function"]
 
 
-def write(durations: dict[str, float], file: Path) -> None:
-    """Keep the slow ones by name; of the others how many they are and how long they take together."""
-    slow = {name: round(took, 1) for name, took in sorted(durations.items()) if took > SLOW_S}
-    quick = [took for name, took in durations.items() if name not in slow]
-    found = {"quick": len(quick), "quick_s": round(sum(quick)), "slow": slow}
+def write(durations: dict[str, tuple[float, float]], file: Path) -> None:
+    """Keep the slow and the long ones by name; of those that are not slow how many and how long they are together."""
+    named = sorted(durations.items())
+    slow = {name: round(processor_s, 1) for name, (processor_s, _) in named if processor_s > SLOW_S}
+    long = {name: round(clock_s, 1) for name, (_, clock_s) in named if clock_s > LONG_S}
+    quick = [processor_s for name, (processor_s, _) in named if name not in slow]
+    found = {"quick": len(quick), "quick_s": round(sum(quick)), "slow": slow, "long": long}
     file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
@@ -172,7 +186,23 @@ def _minutes(processor_s: float) -> str:
     return f"{max(round(processor_s / CORES / 60), 1)} min"
 
 
-def processor_s() -> float:
-    """Of this process and of those that it started and that have ended."""
-    found = os.times()
-    return found.user + found.system + found.children_user + found.children_system
+def spent_s() -> NDArray[np.float64]:
+    """Processor time of this process and of all that it started, ended or not, and the clock."""
+    own = os.times()
+    living = _ticks_of_children(os.getpid()) / os.sysconf("SC_CLK_TCK")
+    processor_s = own.user + own.system + own.children_user + own.children_system + living
+    return np.array([processor_s, time.monotonic()])
+
+
+def _ticks_of_children(process: int) -> int:
+    """Processor time of a process's living children, and theirs; 0 where no /proc tells.
+
+    Whoever waits for a child's end takes over what it used, so nothing counts twice, and nothing counts late.
+    """
+    ticks = 0
+    for children in Path(f"/proc/{process}/task").glob("*/children"):
+        with suppress(OSError):  # it has ended since
+            for child in map(int, children.read_text().split()):
+                fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+                ticks += sum(map(int, fields[11:15])) + _ticks_of_children(child)
+    return ticks

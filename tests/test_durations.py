@@ -22,22 +22,25 @@ def busy(seconds):
 
 @pytest.fixture(scope="module")
 def common():
-    busy(2.6)
+    busy(0.8)
 
 def test_slow():
-    busy(1.2)
+    busy(0.3)
 
 def test_quick():
-    time.sleep(1.2)
+    time.sleep(0.3)
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_shared(common, number):
     assert number
 """
+SOONER = "from tests import durations\ndurations.SLOW_S = durations.LONG_S = 0.2\n"
+"""So that the test of this is not slow itself."""
 
 
 def test_a_test_is_slow_by_its_processor_time_and_its_share_of_common_fixtures(tmp_path: Path) -> None:
-    """Not by how long it waits, and not because it is the first that needs a fixture."""
+    """Not by how long it waits, which is recorded beside, and not because it is the first that needs a fixture."""
+    (tmp_path / "conftest.py").write_text(SOONER, encoding="utf-8")
     (tmp_path / "test_some.py").write_text(TESTS, encoding="utf-8")
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n", encoding="utf-8")
     file = tmp_path / "found.json"
@@ -50,8 +53,34 @@ def test_a_test_is_slow_by_its_processor_time_and_its_share_of_common_fixtures(t
     )
     assert ended.returncode == 0, ended.stdout
     found = json.loads(file.read_text(encoding="utf-8"))
-    assert set(found["slow"]) == {f"test_some.py::test_{name}" for name in ("slow", "shared[1]", "shared[2]")}
+    slow = {f"test_some.py::test_{name}" for name in ("slow", "shared[1]", "shared[2]")}
+    assert set(found["slow"]) == slow
+    assert set(found["long"]) == slow | {"test_some.py::test_quick"}
     assert found["quick"] == 1
+
+
+WORKS_THEN_WAITS = """
+import time
+while time.process_time() < 0.3:
+    pass
+print(flush=True)
+input()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="what living processes used stands in /proc")
+def test_a_child_counts_while_it_works_and_not_when_it_ends() -> None:
+    """Or the time of a server that one test leaves running would be that of the test during which it ends."""
+    began, _ = durations.spent_s()
+    command = [sys.executable, "-c", WORKS_THEN_WAITS]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        worked, _ = durations.spent_s()
+        child.communicate("\n")
+    ended, _ = durations.spent_s()
+    assert worked - began > 0.25  # the clock of processes ticks every hundredth of a second
+    assert ended - worked < 0.15
 
 
 def recorded(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:

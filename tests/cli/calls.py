@@ -1,4 +1,4 @@
-"""Calls of commands within the process of a test."""
+"""Calls of commands within the process of a test, and the words that start one of its own."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from prooflight.cli import run
 
 if TYPE_CHECKING:
     import pytest
+
+PROOFLIGHT = (
+    sys.executable,
+    "-c",
+    "import os; os.cpu_count = lambda: 1; from prooflight.__main__ import main; main()",
+)
+"""``prooflight`` as a process that starts no others, each of which would load all kernels again."""
 
 
 def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

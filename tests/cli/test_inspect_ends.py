@@ -34,16 +34,8 @@ def made(press: Press, tmp_path_factory: pytest.TempPathFactory) -> Path:
     press.save(folder / "x.press")
     write_word_job(folder / "job", pages=PAGES, rng=rng, tinted=False)
     made = ["simulate", str(folder / "job"), "--press", str(folder / "x.press"), "-o", str(folder / "scans")]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("os.cpu_count", lambda: 1)
-        assert run([*made, "--seed", "3", "--json"]) == 0
+    assert run([*made, "--seed", "3", "--json"]) == 0
     return folder
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Start no worker processes, which load all modules again; one test below has them."""
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
 
 
 @pytest.fixture

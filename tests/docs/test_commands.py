@@ -1,8 +1,8 @@
 """Every command of the tutorial and the how-tos runs, in order, in a folder of its page.
 
-Blocks of nothing but ``prooflight`` commands, and those of Python, run in the process of the tests, on one processor:
-a process for each would load the same modules and kernels a hundred times, and takes longer for that than for its work.
-Bash runs what needs a shell; ``tests/cli`` starts commands as a user does.
+Blocks of nothing but ``prooflight`` commands, and those of Python, run in the process of the tests, and bash runs what
+needs a shell; all on one processor. A process for each would load the same modules and kernels a hundred times, and
+takes longer for that than for its work. ``tests/cli`` starts commands as a user does.
 
 A page says in a comment above a block how it is run here, where it would take minutes or must end otherwise than well:
 ``<!-- runs: with --designs 24; exit 1 -->`` appends options to each ``prooflight`` command of the block, the last of
@@ -30,7 +30,7 @@ from packages.line.tests.cameras.scene_cameras import scene_camera
 from packages.line.tests.cameras.scenes import Scenes
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
-from tests.cli.calls import call
+from tests.cli.calls import PROOFLIGHT, call
 from tests.turns import in_turn
 
 from prooflight.cli import run as run_here
@@ -252,10 +252,10 @@ def test_every_command_runs(
         target.parent.mkdir(parents=True, exist_ok=True)
         (shutil.copytree if source.is_dir() else shutil.copy)(source, target)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    programs = [on_one_processor(tmp_path / "home"), Path(sys.executable).parent, os.environ["PATH"]]
+    monkeypatch.setenv("PATH", os.pathsep.join(map(str, programs)))
     for name, value in {"HOME": str(tmp_path / "home"), "XDG_DATA_HOME": "", "XDG_STATE_HOME": ""}.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
     for block in blocks(page):
         if block.language == "python":
             exec(compile(block.text, f"{page.name}", "exec"), {"__name__": "__main__"})
@@ -264,6 +264,15 @@ def test_every_command_runs(
             assert code == block.exit_code, f"{block.text}\n{said}"
     if page.stem == "first-inspection":
         told_truly(tmp_path, capsys)
+
+
+def on_one_processor(home: Path) -> Path:
+    """Return a folder with ``prooflight`` as bash is to find it."""
+    program = home / "bin" / "prooflight"
+    program.parent.mkdir(parents=True)
+    program.write_text(f'#!/bin/sh\nexec {shlex.join(PROOFLIGHT)} "$@"\n')
+    program.chmod(0o755)
+    return program.parent
 
 
 def told_truly(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.cli.calls import PROOFLIGHT
 
 import prooflight as pf
 from prooflight.detectors import registry
@@ -58,7 +58,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory, press: pf.Press, make_page: Ca
 def command(site: Path, *words: object) -> subprocess.CompletedProcess[str]:
     paths = os.pathsep.join(filter(None, (str(site), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
-        [sys.executable, "-m", "prooflight", *map(str, words)],
+        [*PROOFLIGHT, *map(str, words)],
         env={**os.environ, "PYTHONPATH": paths},
         capture_output=True,
         text=True,

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 PAGES = 4
 DISTANCE_MM = 400.0
-RATE = 1.0
+RATE = 2.0
+"""Pages a second: a sheet reaches the gate, 800 mm on, when its verdict has been due for some seconds."""
 
 
 @pytest.fixture(scope="module")
@@ -307,7 +308,7 @@ def test_an_outlet_is_told_the_whole_run_and_a_gate_s_states(
         file.write_text(f"{file.read_text()}\n{hook}")
         assert run(["plant", "check", str(file), "--json"]) == 0
         assert [one["what"] for one in json.loads(capsys.readouterr().out)] == ["gate (registers)", "outlet"]
-        more = ["--source", "drum:1", "--sheets", 3, "--world", "ideal", "--deadline", 1000]
+        more = ["--source", "drum:3", "--sheets", 3, "--world", "ideal", "--deadline", 1000]
         more += ["--layout", "pages-a-set=1"]
         run(watch(folder, file, *more, "--journal", tmp_path / "runs.sqlite"))
         told = [parsed(body).body for _, _, body in receiver.taken]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.calls import PROOFLIGHT
 from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
@@ -217,7 +218,7 @@ def silent(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[str
 
 def started(given: list[str], stdin: int | None) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "prooflight", *given],
+        [*PROOFLIGHT, *given],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stdin=stdin,
         stdout=subprocess.PIPE,

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.calls import PROOFLIGHT
 from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
@@ -62,7 +63,7 @@ def killed(given: list[str], at: Callable[[list[dict[str, Any]]], bool]) -> list
     with tempfile.NamedTemporaryFile("r") as printed:
         with Path(printed.name).open("w") as output:
             process = subprocess.Popen(
-                [sys.executable, "-m", "prooflight", *given],
+                [*PROOFLIGHT, *given],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                 stdout=output,
             )
@@ -238,7 +239,7 @@ def test_the_gate_goes_on_with_the_tags_of_the_run(
     """Killed when the gate has decided a sheet that the journal does not have yet."""
     journal = tmp_path / "runs.sqlite"
     log = log_path(journal, 1)
-    given = command(folder, journal, "drum:1", "--plant", plant, "--deadline", 8000)
+    given = command(folder, journal, "drum:2", "--plant", plant, "--deadline", 8000)
 
     def between(_rows: list[dict[str, Any]]) -> bool:
         decided = log.read_text().count('"decision"') if log.exists() else 0

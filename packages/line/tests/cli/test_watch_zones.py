@@ -44,7 +44,6 @@ def small(tmp_path: Path, make_page: Callable[..., Page], trained_press: Press) 
 def test_zones_are_priced_saved_and_then_in_force(
     small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 1)  # more processes would load all kernels again
     at = {name: small / name for name in ("job", "my.press", "job.zones.json", "scans")}
     on_press = ["--press", at["my.press"]]
     made = [at["job"], *on_press, "--world", "press", "-o", at["scans"]]

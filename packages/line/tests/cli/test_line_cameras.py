@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from packages.line.tests.cameras.peers import ID, gige_camera, numbered_lines
 from packages.line.tests.cli.test_watch import job, trigger, watch  # noqa: F401
-from tests.cli.calls import PROOFLIGHT, call
+from tests.cli.calls import call
 
 from prooflight.cli import run
 from prooflight.press.press_file import PressFile
@@ -135,7 +136,7 @@ def test_a_press_is_watched_over_the_wire_as_from_files(
     with gige_camera(np.concatenate([lines, quiet]).astype("<u2").view(np.uint8)):
         live = subprocess.Popen(
             [
-                *(*PROOFLIGHT, "watch", str(job), "--source", f"camera:{ID}"),
+                *(sys.executable, "-m", "prooflight", "watch", str(job), "--source", f"camera:{ID}"),
                 *("--camera", str(settings), "--deadline", "60000", *(str(one) for one in usual)),
             ],
             stdout=subprocess.PIPE,

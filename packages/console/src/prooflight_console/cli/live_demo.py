@@ -53,25 +53,27 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
 
 def _watch(job: Path, press: Path, *, sheets: int, pages_per_s: float) -> None:
     from prooflight_line.cli.watch.command import watch
+    from prooflight_line.cli.watch.options import (
+        DrumOptions,
+        InspectionOptions,
+        PaceOptions,
+        RecordOptions,
+        SheetOptions,
+        WatchOptions,
+    )
 
     watch(
-        job,
-        press,
-        f"drum:{pages_per_s:g}",
-        sheets=sheets,
-        detector=None,
-        deadline_ms=2000.0,
-        journal=str(FOLDER / JOURNAL),
-        keep="misprints",
-        trigger=None,
-        camera=None,
-        threads=None,
-        start_at_once=True,
-        misprint=MISPRINTS,
-        every=EVERY,
-        fault_every=FAULT_EVERY,
-        profile=None,
-        seed=SEED,
+        WatchOptions(
+            job=job,
+            press=press,
+            source=f"drum:{pages_per_s:g}",
+            repeats=SheetOptions(sheets=sheets),
+            inspection=InspectionOptions(deadline_ms=2000.0),
+            record=RecordOptions(journal=str(FOLDER / JOURNAL)),
+            pace=PaceOptions(start_at_once=True),
+            drum=DrumOptions(misprint=MISPRINTS, every=EVERY, fault_every=FAULT_EVERY),
+            seed=SEED,
+        )
     )
 
 

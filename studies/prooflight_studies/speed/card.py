@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.detectors.matched_filter.analysis import analyse
-from prooflight.detectors.matched_filter.card_images import Designs, engine_on
+from prooflight.detectors.matched_filter.card.designs import Designs
+from prooflight.detectors.matched_filter.card.images import engine_on
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.inspection.inspector import Inspector

@@ -64,11 +64,11 @@ class CardFigures:
     compiled_s: float
     """Time of the first analysis, which compiles."""
     pages: int
-    """Pages of the job, of which ..."""
+    """Number of pages of the job."""
     prints: int
-    """... so many prints were judged by both, ..."""
+    """Number of prints that were judged by both."""
     misprints: int
-    """... so many of them misprinted."""
+    """Number of these prints that were misprinted."""
     score_off: tuple[float, ...]
     """``OFF_QUANTILES`` of the difference of the two scores of a print."""
     differing: tuple[Compared, ...]
@@ -78,18 +78,18 @@ class CardFigures:
     farthest: tuple[Compared, ...]
     """Prints whose scores differ most."""
     sheet_ms: float
-    """From a scan in pinned memory to its sums on the card, median."""
+    """Median time from a scan in pinned memory to its sums on the card."""
     upload_ms: float
     in_flight: dict[int, float]
     """Sheets a second on the card, by sheets on it at once."""
     gpu_per_s: dict[int, float]
-    """Whole inspections a second by number of worker processes, images on the card ..."""
+    """Whole inspections a second by number of worker processes, images on the card."""
     cpu_per_s: dict[int, float]
-    """... and all on the processor."""
+    """Whole inspections a second by number of worker processes, all on the processor."""
     gpu_cpu_s: float
-    """Processor time of an inspection with images on the card ..."""
+    """Processor time of an inspection with images on the card."""
     cpu_cpu_s: float
-    """... and without."""
+    """Processor time of an inspection without the card."""
 
 
 class RecordedCard(Card):

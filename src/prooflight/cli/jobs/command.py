@@ -120,7 +120,7 @@ def demo(
 
 def _job_and_press(
     job: Path | None, out: Path, *, world: PressWorld, profile: Path | None, seed: int, json: bool
-) -> tuple[Path, Press, Sequence[str]]:
+) -> tuple[Path, Press, tuple[str, ...]]:
     """Return the job, a press for its pages, and the titles of the sample job, which is composed meanwhile."""
     from prooflight.cli.jobs import demonstration
     from prooflight.pages.job import JobSource

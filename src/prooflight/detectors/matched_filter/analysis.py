@@ -75,13 +75,13 @@ if TYPE_CHECKING:
 
 
 MAX_REPREDICTIONS: Final = 2
-"""Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
+"""Maximum number of times that a page is predicted again at the position that its residuals indicate."""
 FAR_PIXELS: Final = 0.1
-"""... minimum displacement of some part of it that requires another prediction ..."""
+"""Minimum displacement of some part of a page that requires another prediction."""
 FRINGE_PARTS: Final = 2
 """Number of steps over a raster pixel by which planes of a press that rips pages itself are sought by their fringes."""
 REMAINING_SHARE: Final = 0.75
-"""... unless that displacement is at least this share of the previous one: displacements caused by a page's
+"""Share of the previous displacement from which no other prediction is made: displacements caused by a page's
 edge and by uneven light do not decrease."""
 
 

@@ -208,9 +208,9 @@ class MatchedFilterPage:
     inks: str
     """Letters of CMYK that the page has."""
     model: DetectorModel
-    """Model by which this page is judged ..."""
+    """Model by which this page is judged."""
     widening: float
-    """... with tolerances that are wider than others' by this factor."""
+    """Factor by which the tolerances of this page are wider than others'."""
     zones: PageZones | None = None
     judge: ZonedJudge | None = None
     """Decision rule for pages with zones; None: the page has none, or they are not calibrated."""
@@ -342,10 +342,13 @@ class MatchedFilterPage:
 
     def _stored_arrays(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
         """Return what ``decided_again`` needs."""
-        careful = {"careful": values_of(evidence.careful)} if evidence.careful else {}
+        careful: Mapping[str, NDArray[Any]] = {}
         if self.judge is not None:
             careful = self.judge.stored_arrays(values_of(evidence.careful))
-        return careful | {
+        elif evidence.careful:
+            careful = {"careful": values_of(evidence.careful)}
+        return {
+            **careful,
             "wrong_page": np.array(evidence.another),
             "values": evidence.values,
             "page_features": self.prepared_page.page_features,

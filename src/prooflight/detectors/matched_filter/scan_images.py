@@ -64,9 +64,9 @@ class DesignImages:
     sensors: tuple[SensorModel, ...]
     geometry: ScanGeometry
     camera_sensors: tuple[SensorModel, ...]
-    """In the camera's own pixels ..."""
+    """Sensors in the camera's own pixels."""
     camera_geometry: ScanGeometry
-    """... as this."""
+    """Geometry in the camera's own pixels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

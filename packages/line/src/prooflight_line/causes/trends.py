@@ -41,9 +41,9 @@ class Trend:
     """First sheet after a step; first sheet of the run for a drift."""
     last_sheet: int
     beyond: tuple[int, ...]
-    """Sheets from then on that are beyond the channel's tolerance ..."""
+    """Sheets from then on that are beyond the channel's tolerance."""
     near: tuple[int, ...]
-    """... and beyond half of it."""
+    """Sheets from then on that are beyond half of the tolerance."""
     change: float
     """Height of a step, or change over the run, in the channel's own unit."""
     sd: float

@@ -167,7 +167,8 @@ def _write_pages(pages: Iterable[PageRecord], *, json: bool) -> None:
 
 def _last_pages(pages: Iterable[PageRecord], last: int) -> tuple[deque[PageRecord], int]:
     """Return the last pages, and how many there are in all."""
-    total, shown = 0, deque[PageRecord](maxlen=min(last, sys.maxsize))
+    total = 0
+    shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
     for page in pages:
         total += 1
         shown.append(page)

@@ -67,10 +67,9 @@ class ScaledClock:
             time.sleep(left_s)
 
 
-def settings_of(host: str, port: int, *, style: str = "registers") -> GateSettings:
+def settings_of(host: str, port: int) -> GateSettings:
     """Return the gate of this study, as a press file would have it."""
-    plc = PlcSettings(host=host, port=port, style="coil" if style == "coil" else "registers")
-    return GateSettings(distance_mm=DISTANCE_MM, plc=plc)
+    return GateSettings(distance_mm=DISTANCE_MM, plc=PlcSettings(host=host, port=port))
 
 
 def hurried_wire(faster: float) -> type[Wire]:

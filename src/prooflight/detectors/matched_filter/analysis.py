@@ -406,28 +406,7 @@ def analyse_registered(
         images.leave_out(faulty)
     if not residual_variance.exact:
         _take_moves(images, placed.placement, at, prepared.page.width_mm)
-    light, left, weight = images.residuals()
-    marks = measure_marks(
-        prepared.binned_sensors,
-        where.inside,
-        light,
-        left,
-        weight,
-        geometry=at,
-        page_width_mm=prepared.page.width_mm,
-        unresolved=images.unresolved,
-        hidden=images.hidden,
-        edges_in_border=prepared.own_light is not None,
-        tolerance=prepared.prior.place,
-        specks=prepared.specks,
-        floor_share=floor_share,
-        threads=threads,
-    )
-    glyphs = NOTHING
-    if prepared.glyphs is not None:
-        # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
-        astray = _astray(registration, at)
-        glyphs = score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
+    marks, glyphs = _marks_and_glyphs(prepared, images, placed, registration, floor_share)
     return ScanAnalysis(
         registration=registration,
         fit=fit,
@@ -492,6 +471,39 @@ def _placed(
         threads=threads,
     )
     return placed, careful, planes_mm
+
+
+def _marks_and_glyphs(
+    prepared: PreparedPage,
+    images: ScanImages,
+    placed: PlacedPage,
+    registration: Registration,
+    floor_share: float,
+) -> tuple[Marks, ScoredPage]:
+    """Return the small windows and the glyphs of the residuals; see ``measure_marks`` and ``score_glyphs``."""
+    where, threads = placed.where, placed.threads
+    light, left, weight = images.residuals()
+    marks = measure_marks(
+        prepared.binned_sensors,
+        where.inside,
+        light,
+        left,
+        weight,
+        geometry=prepared.binned_geometry,
+        page_width_mm=prepared.page.width_mm,
+        unresolved=images.unresolved,
+        hidden=images.hidden,
+        edges_in_border=prepared.own_light is not None,
+        tolerance=prepared.prior.place,
+        specks=prepared.specks,
+        floor_share=floor_share,
+        threads=threads,
+    )
+    if prepared.glyphs is None:
+        return marks, NOTHING
+    # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
+    astray = _astray(registration, prepared.binned_geometry)
+    return marks, score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
 
 
 def _astray(registration: Registration, geometry: ScanGeometry) -> float:

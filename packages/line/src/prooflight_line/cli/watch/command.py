@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight_line.cli.watch.planned_run import PlannedRun
-    from prooflight_line.cli.watch.plant import Plant
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.tickets.ticket import Ticket
     from prooflight_line.run.status import Status
@@ -75,12 +74,12 @@ def watch(
     read = ReadJob.of(options, inspector, ticket)
     read.plant.refuse_unfit(options.source, press, deadline_s=inspection.deadline_ms / 1e3)
     planned = PlannedRun.of(options, replace(inspector, zones=read.zones), read, traces=traces)
-    console = _display(options, planned)
+    console = _display(planned)
     settle_process()
-    status, unrecorded = _run(options, planned, read.plant, console)
+    status, unrecorded = _run(planned, console)
     if taken is not None:
         taken.finished = status.phase is Phase.STOPPED and not status.to_come
-    _end(options, status, console, sheets=planned.sheets, unrecorded=unrecorded)
+    _end(planned, status, console, unrecorded=unrecorded)
 
 
 def _as_queued(
@@ -101,29 +100,30 @@ def _given(context: typer.Context, option: str) -> bool:
     return source is not None and source.name not in ("DEFAULT", "DEFAULT_MAP")
 
 
-def _display(options: WatchOptions, planned: PlannedRun) -> Watching:
+def _display(planned: PlannedRun) -> Watching:
     """Return the display of a run, for people or for programs."""
     from prooflight.inspection.sheets import NEXT, Assembling
     from prooflight_line.cli.watch.planned_run import start_file_of
     from prooflight_line.cli.watch.view import Watching
 
-    resumption = planned.resumption
+    options, plan, resumption = planned.options, planned.read.plan, planned.resumption
     return Watching(
         deadline_s=None if planned.given.waits else planned.settings.deadline_s,
         json=options.json,
         at_once=options.pace.start_at_once,
         waits=planned.given.waits,
         start_file=start_file_of(options.record.journal),
-        sheets=None if planned.plan is None else Assembling(planned.plan, patience=NEXT),
+        sheets=None if plan is None else Assembling(plan, patience=NEXT),
         first_passed="" if resumption is None else resumption.past.first_not_inspected,
     )
 
 
-def _run(options: WatchOptions, planned: PlannedRun, plant: Plant, display: Watching) -> tuple[Status, int]:
+def _run(planned: PlannedRun, display: Watching) -> tuple[Status, int]:
     """Watch until the run ends; return its status, and how many verdicts were not recorded."""
     from prooflight_line.cli.watch.console import console_alongside
     from prooflight_line.cli.watch.running import lines_shown, recorder_of, run_until_ended
 
+    options = planned.options
     journal, console = options.record.journal, options.console
     with (
         console_alongside(
@@ -137,17 +137,17 @@ def _run(options: WatchOptions, planned: PlannedRun, plant: Plant, display: Watc
         recorder_of(journal, planned.facts, planned.resumption) as recorder,
         lines_shown(planned, journal) as shown,
     ):
-        status = run_until_ended(shown, plant, recorder, display)
+        status = run_until_ended(shown, recorder, display)
     return status, 0 if recorder is None else recorder.unrecorded
 
 
-def _end(options: WatchOptions, status: Status, display: Watching, *, sheets: int, unrecorded: int) -> None:
-    """Show how a run of ``sheets`` sheets ended, and end the command with the exit code of that."""
+def _end(planned: PlannedRun, status: Status, display: Watching, *, unrecorded: int) -> None:
+    """Show how a run ended, and end the command with the exit code of that."""
     from prooflight_line.cli.watch.running import exit_code
 
     display.end_sheets()
-    if not options.json:
+    if not planned.options.json:
         show.people.print(display.line(status))
-    code = exit_code(status, display.lacks(status, sheets=sheets, unrecorded=unrecorded))
+    code = exit_code(status, display.lacks(status, sheets=planned.read.passings, unrecorded=unrecorded))
     if code:
         raise typer.Exit(code)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
@@ -14,43 +14,29 @@ from prooflight_line.cli.watch.sources import DrumWishes, Opened, open_source
 from prooflight_line.run.settings import Settings, memory_for_designs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator
 
     from prooflight.inspection.inspector import Inspector
-    from prooflight.pages.job import JobSource
-    from prooflight.pages.layout.plan import SheetPlan
-    from prooflight.pages.warnings import PageWarning
     from prooflight_line.cli.watch.job import ReadJob
     from prooflight_line.cli.watch.options import WatchOptions
     from prooflight_line.journal.records import RunFacts
     from prooflight_line.journal.start import StartFile
     from prooflight_line.reporting.traces import Traces
     from prooflight_line.run.pager import PageStart
-    from prooflight_line.run.sheet_inspector import Keep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedRun:
     """Configuration of a run before its first line."""
 
+    options: WatchOptions
+    read: ReadJob
     facts: RunFacts
     inspector: Inspector
-    job: JobSource
-    pages: int
-    """Number of pages of the job."""
-    flaws: Mapping[int, Exception]
-    """Pages, from 1, that cannot be used, and why."""
+    """Inspector with the zones of the job."""
     given: Opened
     start: PageStart
     settings: Settings
-    keep: Keep
-    follow: bool
-    false_alarms: float
-    """Number of false alarms of the run level per 100,000 pages."""
-    plan: SheetPlan | None = None
-    """Imposition of the job on sheets; None: one page a sheet."""
-    warnings: tuple[PageWarning, ...] = ()
-    """Warnings of the job that were printed before the run."""
     resumption: Resumption | None = None
     """Run that broke off and is resumed; None: the run is new."""
     traces: Traces | None = None
@@ -78,32 +64,20 @@ class PlannedRun:
                 started_s=facts.started_s if resumption is None else resumption.started_s,
                 settings=of_run | ({"customer": customer} if customer else {}),
             ),
+            options=options,
+            read=read,
             inspector=inspector,
-            job=read.source,
-            pages=read.pages,
-            flaws=read.flaws,
             given=given,
             start=SheetEdge() if trigger is None else TriggerCount(lines=trigger),
             settings=settings,
-            keep=cast("Keep", options.record.keep),
-            follow=options.pace.follow,
-            false_alarms=options.false_alarms,
-            plan=read.plan,
-            warnings=read.early.warnings,
             resumption=resumption,
             traces=traces,
         )
 
     def position(self, number: int) -> int:
         """Return the position at which page ``number`` of the job, from 1, first passes."""
-        plan = self.plan
+        plan = self.read.plan
         return number - 1 if plan is None else plan.layout.position_of(number - 1, plan.sheets)
-
-    @property
-    def sheets(self) -> int:
-        """Number of sheets that pass."""
-        assert self.facts.sheets is not None  # a run on a press always says
-        return self.facts.sheets
 
 
 def _run_facts(options: WatchOptions, inspector: Inspector, read: ReadJob) -> RunFacts:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from prooflight.inspection.packed_design import PackedDesign
     from prooflight.inspection.prepared_store import PreparedStore
     from prooflight_line.cli.watch.planned_run import PlannedRun
-    from prooflight_line.cli.watch.plant import Plant, ServedPlant
+    from prooflight_line.cli.watch.plant import ServedPlant
     from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from prooflight_line.run.page_store import JobPageStore
     from prooflight_line.run.recording import Recorder
     from prooflight_line.run.runner import Running
+    from prooflight_line.run.sheet_inspector import Keep
     from prooflight_line.run.status import Status
 
 Event = TypeVar("Event")
@@ -44,7 +45,7 @@ class _PreparedJob:
     def of(cls, planned: PlannedRun, page_store: JobPageStore) -> Self:
         from prooflight.inspection.prepared_store import MOST_BYTES, PreparedStore, clean
 
-        store = PreparedStore.of(planned.inspector, planned.job)
+        store = PreparedStore.of(planned.inspector, planned.read.source)
         if store is not None:
             clean(store.folder.parent, most_bytes=MOST_BYTES, keep=store.folder)
         return cls(store=store, warnings=page_store.warnings)
@@ -60,9 +61,7 @@ class _PreparedJob:
             self.store.save(cast("int", design), packed)
 
 
-def run_until_ended(
-    planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching
-) -> Status:
+def run_until_ended(planned: PlannedRun, recorder: Recorder | None, console: Watching) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
     from prooflight_line.cli.watch.run_log import RunLog
 
@@ -72,11 +71,11 @@ def run_until_ended(
     notices = _Notices(console.noticed)
     with (
         _stoppable(recorder, console),
-        plant.served(
+        planned.read.plant.served(
             planned.facts,
             planned.inspector.press,
-            job_pages=planned.pages,
-            plan=planned.plan,
+            job_pages=planned.read.pages,
+            plan=planned.read.plan,
             recorder=recorder,
             resumption=planned.resumption,
             notice=notices,
@@ -132,12 +131,12 @@ def _ready(
     from prooflight_line.run.watching import watched
 
     page_store = JobPageStore(
-        job=planned.job,
+        job=planned.read.source,
         press=planned.inspector.press,
-        pages=planned.pages,
-        sheets=planned.sheets,
-        plan=planned.plan,
-        warnings=PageWarnings(notices, planned.warnings),
+        pages=planned.read.pages,
+        sheets=planned.read.passings,
+        plan=planned.read.plan,
+        warnings=PageWarnings(notices, planned.read.early.warnings),
     )
     before = _PreparedJob.of(planned, page_store)
     recorded = None
@@ -149,9 +148,9 @@ def _ready(
         page_store=page_store,
         start=planned.start,
         settings=planned.settings,
-        keep=planned.keep,
-        follow=planned.follow,
-        false_alarms=planned.false_alarms,
+        keep=cast("Keep", planned.options.record.keep),
+        follow=planned.options.pace.follow,
+        false_alarms=planned.options.false_alarms,
         recorded=recorded,
         tell=_decided_first(
             _timed(served.gate_observer, traced),
@@ -166,8 +165,8 @@ def _ready(
         name=page_store.name,
         flaws={
             planned.position(number): error
-            for number, error in planned.flaws.items()
-            if number <= planned.sheets
+            for number, error in planned.read.flaws.items()
+            if number <= planned.read.passings
         },
         durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
         stored=before.load,
@@ -195,7 +194,7 @@ def _end(
     """Record and publish how the run ended; ``stopped`` if a person ended it."""
     from prooflight_line.run.recording import ending_of
 
-    lacks = console.lacks(status, sheets=planned.sheets)
+    lacks = console.lacks(status, sheets=planned.read.passings)
     detail = "; ".join(filter(None, (console.stopped_text, lacks)))
     if recorder is not None:
         recorder.end(status, stopped=stopped, detail=detail)

@@ -11,20 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from tests.stand_ins import SHARED
 
 from prooflight.camera.camera import expose_flat, with_pixels
 from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.cli import run
 from prooflight.press.press_file import PressFile
 from prooflight.scans.recorded import write_scan
-from prooflight.spectra import WAVE_NM
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 ROOT = Path(__file__).resolve().parents[2]
-PATCHES = SHARED / "oracle" / "isetcam_patches.json"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -151,54 +148,6 @@ def test_respond_refuses_in_one_line(
     assert "none.toml" in refused("respond", tmp_path / "none.toml", "--reflectance", good)
     (tmp_path / "bad.toml").write_text(press.read_text().replace("f_number", "f_numbre"))
     assert "lens.f_numb" in refused("respond", tmp_path / "bad.toml", "--reflectance", good)
-
-
-@pytest.mark.skipif(
-    not PATCHES.is_file(), reason="needs shared/oracle/isetcam_patches.json beside the repository"
-)
-def test_respond_gives_isetcams_numbers(answer: Callable[..., Any], tmp_path: Path) -> None:
-    # The tolerances of the oracle's README: photons are single precision; its electrons lose 1.2e-4 by diffraction.
-    oracle = json.loads(PATCHES.read_text(encoding="utf-8"))
-    given = oracle["params"]
-    for name, values in (("lamp.csv", oracle["illuminant_energy"]), ("qe.csv", given["QE"])):
-        rows = (f"{wave:g},{value!r}" for wave, value in zip(WAVE_NM, values, strict=True))
-        (tmp_path / name).write_text("wavelength_nm,value\n" + "\n".join(rows))
-    gain_v = given["conversionGain"]
-    assert len(oracle["cases"]) == 18
-    for case in oracle["cases"]:
-        (tmp_path / "iset.toml").write_text(f"""
-[light]
-file = "lamp.csv"
-luminance_cd_m2 = {given["Lwhite"]!r}
-[lens]
-focal_length_mm = {given["focalLength"] * 1e3!r}
-f_number = {given["fNumber"]!r}
-transmittance = {oracle["lens_transmittance"]!r}
-object_distance_mm = {case["distance_m"] * 1e3!r}
-[[sensor]]
-name = "isetcam"
-pixels = 96
-pixel_pitch_um = {given["pixelPitch"] * 1e6!r}
-fill_factor = {given["fillFactor"]!r}
-tdi_stages = {given["nStages"]}
-line_rate_hz = {given["lineRate"]!r}
-conversion_gain_uv_per_e = {gain_v * 1e6!r}
-voltage_swing_v = {given["voltageSwing"]!r}
-read_noise_e = {given["readNoise"] / gain_v!r}
-dark_current_e_per_s = {given["darkVoltage"] / gain_v!r}
-dsnu_e = {given["dsnu"] / gain_v!r}
-prnu_percent = {given["prnu"]!r}
-bits = 12
-quantum_efficiency = {{ file = "qe.csv" }}
-""")
-        patch = reflectances(tmp_path, case["reflectance"], wave_nm=WAVE_NM.tolist())
-        (sensor,) = answer("respond", tmp_path / "iset.toml", "--reflectance", patch)["sensors"]
-        np.testing.assert_allclose(
-            sensor["irradiance_photons"][0], case["irradiance_photons_preOTF"], rtol=1e-6
-        )
-        assert sensor["illuminance_lux"][0] == pytest.approx(case["illuminance"], rel=3e-4)
-        assert sensor["electrons"][0] == pytest.approx(case["electrons_mean"], rel=3e-4)
-        assert sensor["volts"][0] == pytest.approx(case["volts_mean"], rel=3e-4)
 
 
 # --- mtf ---

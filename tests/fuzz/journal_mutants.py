@@ -335,8 +335,6 @@ def write_journal(path: Path) -> None:
     before = _evidence(path)
     with Journal.open(str(path), announce=lambda _: None) as journal:
         assert _evidence(path) == before
-        with contextlib.suppress(JournalError):
-            journal.unfinished_run(_facts(9))
         run = journal.begin_run(_facts(9))
         journal.record(run, _page(1, np.random.default_rng(1)))
         journal.commit()

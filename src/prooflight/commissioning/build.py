@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.press.press_file import PressFile
     from prooflight.press.spot_units import SpotUnit
+    from prooflight.scans.geometry import ScanGeometry
 
 SUPERSAMPLING = 2
 """Number of raster pixels across one camera pixel.
@@ -75,34 +76,19 @@ def build_press(
     refuse_light(press_file, camera)
     if columns is None:
         progress("calibrating columns")
-        rng = stream(seed, "specimen")
-        patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
-        white = np.full(BANDS, WHITE_TILE)
-        columns = calibrate_columns(
-            camera, patterns=patterns, white_reflectance=white, lines=CALIBRATION_LINES, rng=rng
-        )
+        columns = _specimen_columns(camera, seed=seed)
     else:
         _refuse_columns(press_file, camera, columns)
     progress("characterising colours")
-    backing = np.full(BANDS, press_file.backing_reflectance)
-    sensors = [
-        _sensor_model(camera, sensor, calibration, of_colours, backing_reflectance=backing)
-        for sensor, calibration, of_colours in zip(camera.sensors, columns, tables(camera, inks), strict=True)
-    ]
-    for model in sensors:
-        _refuse_saturation(press_file, model)
     geometry = press_file.geometry(camera)
-    sensors = [
-        replace(model, footprint=offset.of_fraction(model.footprint, geometry))
-        for model, offset in zip(sensors, press_file.sensor_offsets(), strict=True)
-    ]
+    sensors = _sensor_models(press_file, camera, inks, columns, geometry)
     progress("picturing colours")
     ink_arrays, ink_facts = packed(inks)
     units = press_file.spot_units()
     return Press(
         name=press_file.name,
         geometry=geometry,
-        sensors=tuple(sensors),
+        sensors=sensors,
         supersampling=SUPERSAMPLING,
         variation=press_file.variation(),
         fringes=press_file.fringes,
@@ -115,20 +101,56 @@ def build_press(
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,
         floor_share=press_file.floor_share,
-        origin={
-            "press_file": press_file.text,
-            "press_file_sha256": hashlib.sha256(press_file.text.encode()).hexdigest(),
-            "inks": inks.name,
-            "chart_digest": inks.chart_digest if isinstance(inks, InkModel) else "",
-            "seed": str(seed),
-            **press_file.print_condition.facts,
-        },
+        origin=_origin(press_file, inks, seed=seed),
         ink_arrays=ink_arrays,
         ink_facts=ink_facts,
         clipped=tuple(
             clipped_share(sensor, model.mean_dn)
             for sensor, model in zip(camera.sensors, sensors, strict=True)
         ),
+    )
+
+
+def _specimen_columns(camera: Camera, *, seed: int) -> Sequence[ColumnCalibration]:
+    """Return the calibration of a simulated specimen's columns, from simulated exposures of a white tile."""
+    rng = stream(seed, "specimen")
+    patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
+    white = np.full(BANDS, WHITE_TILE)
+    return calibrate_columns(
+        camera, patterns=patterns, white_reflectance=white, lines=CALIBRATION_LINES, rng=rng
+    )
+
+
+def _origin(press_file: PressFile, inks: ReflectanceModel, *, seed: int) -> dict[str, str]:
+    """Return what the artefact says of its own making."""
+    return {
+        "press_file": press_file.text,
+        "press_file_sha256": hashlib.sha256(press_file.text.encode()).hexdigest(),
+        "inks": inks.name,
+        "chart_digest": inks.chart_digest if isinstance(inks, InkModel) else "",
+        "seed": str(seed),
+        **press_file.print_condition.facts,
+    }
+
+
+def _sensor_models(
+    press_file: PressFile,
+    camera: Camera,
+    inks: ReflectanceModel,
+    columns: Sequence[ColumnCalibration],
+    geometry: ScanGeometry,
+) -> tuple[SensorModel, ...]:
+    """Return the tables of every sensor, where the press file places it; PressFileError: paper saturates one."""
+    backing = np.full(BANDS, press_file.backing_reflectance)
+    sensors = [
+        _sensor_model(camera, sensor, calibration, of_colours, backing_reflectance=backing)
+        for sensor, calibration, of_colours in zip(camera.sensors, columns, tables(camera, inks), strict=True)
+    ]
+    for model in sensors:
+        _refuse_saturation(press_file, model)
+    return tuple(
+        replace(model, footprint=offset.of_fraction(model.footprint, geometry))
+        for model, offset in zip(sensors, press_file.sensor_offsets(), strict=True)
     )
 
 

@@ -76,7 +76,7 @@ class InkEdges:
     growth_pixels: float
     growth_sd: float
     offset_pixels: tuple[float, float]
-    """To the right and down, on average."""
+    """Mean displacement to the right and down."""
     edge_sd: float
     """Standard deviation of a tile's edges after growth and offset. [pixels]"""
     tiles: int

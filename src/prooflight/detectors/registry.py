@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 GROUP: Final = "prooflight.detectors"
 PREFERRED: Final = "matched_filter"
-"""Detector of a press that was trained with it, where the user names none ..."""
+"""Detector of a press that was trained with it, where the user names none."""
 UNTRAINED: Final = "chi-square"
-"""... and of any other press; every press has it."""
+"""Detector of any other press; every press has it."""
 BUILT_IN: Final = {
     UNTRAINED: "prooflight.detectors.paper.entry:CHI_SQUARE",
     PREFERRED: "prooflight.detectors.matched_filter.entry:ENTRY",

@@ -90,7 +90,7 @@ class Code:
     """A bar code or matrix code of the page, and its reading in the scan."""
 
     symbology: str
-    """QR Code, Code 128, EAN-13, ..."""
+    """Name of the symbology, such as QR Code, Code 128 or EAN-13."""
     text: str
     """Content on the page."""
     read: str | None
@@ -99,7 +99,7 @@ class Code:
     """Whether the page is a misprint if it cannot be read; False where this camera is too coarse for it, or
     lost lines."""
     grade: float | None
-    """From 4, the best, to 0, in the manner of ISO/IEC 15416 and 15415 (``inspection.codes.grading``); None:
+    """Grade from 4, the best, to 0, in the manner of ISO/IEC 15416 and 15415 (``inspection.codes.grading``); None:
     there is no grading of its symbology."""
     weakest: str
     """Parameter with the lowest grade; empty: no grade, or nothing is wrong."""

@@ -46,9 +46,9 @@ class LabelledPages:
     """(pages,) number of similar sheets that each represents: more than 1 / probability if some were not
     answered, less if the page is old."""
     run: NDArray[np.int64]
-    """(pages,) number of the run in the journal ..."""
+    """(pages,) number of the run in the journal."""
     sheet: NDArray[np.int64]
-    """... and of the sheet in the run."""
+    """(pages,) number of the sheet in the run."""
     passed: NDArray[np.bool_]
     """(pages,) whether a page is of the random sample of those that passed; the others are alarms."""
     rate: float

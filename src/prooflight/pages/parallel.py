@@ -161,7 +161,7 @@ def _pool_of(processors: int) -> _WorkerPool:
 
 @contextmanager
 def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterator[None]:
-    """Work on a page: this thread and its parallel parts precede those of pages that are due later.
+    """Let a page be worked on: this thread and its parallel parts precede those of pages that are due later.
 
     An overdue page comes last: its verdict is of no use any more, and it would make the next pages late as
     well.

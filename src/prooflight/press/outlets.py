@@ -17,7 +17,7 @@ from prooflight.files.fields import NO_OTHER_FIELDS
 from prooflight.files.given import GivenFiles, shortly
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    pass
 
 SECRET_FILES: Final = GivenFiles(
     error=PressFileError, remedy="name a file of one line that holds the secret", largest_mb=0.01
@@ -181,9 +181,7 @@ def is_loopback(host: str) -> bool:
     return host in ("localhost", "::1") or host.startswith("127.")
 
 
-def secret(
-    path: Path, where: str, block: BaseModel, name: str, environment: Mapping[str, str] = os.environ
-) -> str | None:
+def secret(path: Path, where: str, block: BaseModel, name: str) -> str | None:
     """Return the secret in ``name``_file or ``name``_env of a block, without the line's end; None: neither is given.
 
     path: of the press file, to which the file's name is relative. where: the block, for errors.
@@ -200,7 +198,7 @@ def secret(
             ) from error
     elif variable is not None:
         field = f"{where}.{name}_env"
-        content = environment.get(variable, "")
+        content = os.environ.get(variable, "")
     else:
         return None
     if not content or "\n" in content:

@@ -55,7 +55,7 @@ class SpotUnit:
     name: Annotated[str, Field(strict=True, min_length=1, max_length=255)]
     """Name of the colorant in PDFs."""
     tint: tuple[Tint, ...] = ()
-    """As ``SpotInk.tint``; empty: the press file states no spectrum, and jobs do."""
+    """Tints of ``SpotInk.tint``; empty: the press file states no spectrum, and jobs do."""
     measured: tuple[Spectrum, ...] = ()
     on_black: Spectrum | None = None
     condition: Annotated[str, Field(strict=True, max_length=255)] = ""

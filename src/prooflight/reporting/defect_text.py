@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Size = tuple[float, float]
 """Width and height of a page. [mm]"""
 Shape = Literal["page", "streak", "band", "area"]
-"""Of a place: the whole page, long in print direction, long across it, or neither."""
+"""Shape of a place: the whole page, long in print direction, long across it, or neither."""
 
 ALL_OVER_SHARE: Final = 0.6
 """Share of the page's area above which a place counts as the whole page. assumed"""
@@ -231,7 +231,7 @@ class _Phrasing:
         return shown.replace(".", ",") if self.language == "de" else shown
 
     def mm(self, value: float) -> str:
-        """Millimetres: a tenth below ten, and no tenth that is 0."""
+        """Return millimetres as text: a tenth below ten, and no tenth that is 0."""
         shown = self.number(value, 1 if value < 9.95 else 0)
         return shown[:-2] if shown.endswith((".0", ",0")) else shown
 

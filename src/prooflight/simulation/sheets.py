@@ -38,11 +38,11 @@ class SheetState:
 
     amounts: SheetAmounts
     zones: tuple[Waves, ...]
-    """For each ink, over the place across. [mm]"""
+    """Waves of each ink over the place across. [mm]"""
     places: tuple[Waves, ...]
-    """For each ink, over the places across and along. [mm]"""
+    """Waves of each ink over the places across and along. [mm]"""
     drift: tuple[Waves, ...]
-    """For each ink, and for the paper, over the number of the sheet."""
+    """Waves of each ink and of the paper over the number of the sheet."""
 
     @classmethod
     def draw(cls, amounts: SheetAmounts, rng: np.random.Generator) -> Self:

@@ -33,7 +33,7 @@ LINE_HZ: Final = 2770.0
 LOST_OF: Final = 500
 """One block in this many is lost, of either camera."""
 MEASURED_OF: Final = 4
-"""On one sheet in this many the offset between the cameras is measured.
+"""Period of sheets on which the offset between the cameras is measured.
 
 The lines of all sheets are compared with those played.
 """

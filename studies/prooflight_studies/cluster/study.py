@@ -43,7 +43,7 @@ class ClusterPlan:
 
     @classmethod
     def quickly(cls, seed: int) -> Self:
-        """Enough to see that all of it works."""
+        """Return a size that is enough to see that all of it works."""
         return cls(seed=seed, pages=4, labels=40, full=2, quick=True)
 
 

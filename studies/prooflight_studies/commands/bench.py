@@ -32,7 +32,7 @@ def bench(
         Path | None, typer.Option("--docs", help="Write performance.md and its picture into this folder.")
     ] = None,
 ) -> None:
-    """Speed of prediction, comparison and whole pages as ratios to baselines measured in the same run, one core."""
+    """Measure prediction, comparison and whole pages as ratios to baselines measured in the same run, one core."""
     from prooflight.commissioning.build import build_press
     from prooflight.pages.process import settle_process
     from prooflight.press.press_file import PressFile

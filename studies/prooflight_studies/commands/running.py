@@ -31,9 +31,6 @@ def running(
         Path | None,
         typer.Option(metavar="X.press", help="One sensor, taught; default the prototype."),
     ] = None,
-    press_two: Annotated[
-        Path | None, typer.Option(metavar="Y.press", help="Two sensors; default two-sensors.toml.")
-    ] = None,
     part: Annotated[
         list[str] | None,
         typer.Option(help="started, matched_filter, drift, streak; default all."),
@@ -64,7 +61,6 @@ def running(
         plan=plan if sheets is None else replace(plan, live_sheets=sheets),
         seed=seed,
         one=press,
-        two=press_two,
         inspectors=threads or os.cpu_count() or 1,
         progress=show.steps(quiet=json),
         pages=pages,

@@ -104,7 +104,6 @@ def run_corpus_study(
     pages: Path | None = None,
     seed: int = 2,
     quick: bool = False,
-    processes: int | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
     """Measure the designs of a seed and, if given, a folder of real pages; write ``corpus.md`` and its pictures.
@@ -116,12 +115,10 @@ def run_corpus_study(
     if pages is not None:
         folder = Folder(path=pages, dpi=STUDY_DPI)
         progress(f"looking at the {len(folder)} pages of {pages.name}")
-        real = in_order(partial(summary_of, folder), range(len(folder)), processes=processes)
+        real = in_order(partial(summary_of, folder), range(len(folder)))
         real_figures = table(summary.figures for summary in real)
     progress(f"drawing {number} designs")
-    drawn = list(
-        in_order(partial(summary_of, Corpus(seed=seed, dpi=STUDY_DPI)), range(number), processes=processes)
-    )
+    drawn = list(in_order(partial(summary_of, Corpus(seed=seed, dpi=STUDY_DPI)), range(number)))
     design_figures = table(summary.figures for summary in drawn)
     times = {FAST_DPI: _times_s(seed, FAST_DPI, number), STUDY_DPI: _times_s(seed, STUDY_DPI, number)}
     sheets = []

@@ -113,7 +113,7 @@ class Visitor:
 
 
 def needed() -> None:
-    """RequestError: there is no browser."""
+    """Raise RequestError if there is no browser."""
     try:
         import playwright.sync_api  # noqa: F401
     except ImportError as error:

@@ -40,10 +40,10 @@ RATE: Final = 5.0
 PACE: Final = 0.4
 """How fast time goes, on both sides of the wire: five programs and a browser share the machine."""
 READY_S: Final = 4.0
-"""For the controller to be loaded, before the belt starts."""
+"""Time for the controller to be loaded, before the belt starts."""
 WATCHDOG_S: Final = 0.5
 AWAY_S: Final = 4.0
-"""From `kill -9` to the next start."""
+"""Time from `kill -9` to the next start."""
 FAULTS: Final = {"hung": 2.5, "slow": 5.0, "power": 3.0, "stall": 1.5}
 """How long the controller hangs, answers slowly, has no power, and the inspection is stopped. [s]"""
 LOST_SHARE, REMOVED_SHARE = 0.02, 0.02
@@ -161,7 +161,7 @@ def _inspect(
 
 
 def _stalls(belt: dict[str, Any], kill_s: float | None) -> list[tuple[float, int]]:
-    """When the inspection is stopped, and goes on; not while it is killed."""
+    """Return when the inspection is stopped and goes on; it is not stopped while it is killed."""
     signals = []
     for one in belt["faults"]:
         ends_s = one["at_s"] + one["lasts_s"]

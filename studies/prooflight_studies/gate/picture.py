@@ -30,7 +30,7 @@ OTHER: Final = "#a64ca6"
 
 
 def draw_handshake(path: Path) -> None:
-    """States above, from the table that the link goes by; below, what one sheet does to the registers."""
+    """Draw the states above, from the table that the link goes by; below, what one sheet does to the registers."""
     figure = new_figure(10.5, 7.4)
     above, below = figure.subplots(2, 1, height_ratios=[1.0, 1.25])
     _states(above)
@@ -39,7 +39,7 @@ def draw_handshake(path: Path) -> None:
 
 
 def draw_trays(path: Path, rows: Sequence[TrayRow]) -> None:
-    """What lay in each tray, over the sheets of the run."""
+    """Draw what lay in each tray, over the sheets of the run."""
     figure = new_figure(10.5, 4.4)
     axes = figure.subplots(2, 1, sharex=True)
     bins = np.linspace(0, len(rows), 121)

@@ -62,7 +62,7 @@ LASTS_S: Final[dict[Failure, float]] = {
     "clock-jump": 0.0,
 }
 DELAY_S: Final = 2.0
-"""Of the link, each way."""
+"""Delay of the link, each way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,13 +70,13 @@ class PlannedSheet:
     """A sheet as it is, and as the stand-in inspector will judge it."""
 
     serial: int
-    """From 1."""
+    """Number of the sheet, from 1."""
     kind: Kind
     front_mm: float
     """How far the transport has moved when its leading edge passes the camera."""
     slip_mm: float
     latency_s: float
-    """From its last line to its verdict."""
+    """Time from its last line to its verdict."""
 
     @property
     def truth(self) -> str:
@@ -101,7 +101,10 @@ class Plan:
     def draw(
         cls, sheets: int, *, rate: float, faster: float, seed: int, latencies_s: np.ndarray, rounds: int
     ) -> Self:
-        """latencies_s: those measured, drawn from anew. rounds: how often each failure happens."""
+        """Draw a plan.
+
+        latencies_s: measured latencies, from which new ones are drawn. rounds: number of each failure.
+        """
         rng = stream(seed, "gate-plan")
         speed = rate * PITCH_MM
         kinds = [*SHARES, "good"]
@@ -140,12 +143,12 @@ class Plan:
         return (last.front_mm + DISTANCE_MM + 3 * PITCH_MM) / self.speed_mm_s
 
     def save(self, path: Path) -> None:
-        """For the other process."""
+        """Write the plan for the other process."""
         path.write_text(json.dumps(asdict(self)), encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """As saved."""
+        """Read a plan that was saved."""
         stored = json.loads(path.read_text(encoding="utf-8"))
         return cls(
             sheets=tuple(PlannedSheet(**one) for one in stored["sheets"]),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from prooflight_studies.gate.plan import Failure, Plan
 
 READY_S: Final = 6.0
-"""For the first process to be loaded, before the belt starts."""
+"""Time for the first process to be loaded, before the belt starts."""
 POLL_S: Final = 0.05
 AHEAD_S: Final = 2.0
 """Before they pass the camera, sheets are laid on the belt."""
@@ -35,13 +35,13 @@ class Happened:
     """What a run of the plant left."""
 
     rows: list[TrayRow]
-    """Of both trays, in the order in which the sheets reached the gate."""
+    """Rows of both trays, in the order in which the sheets reached the gate."""
     failures: list[tuple[float, Failure]] = field(default_factory=list)
     """When each began. [s]"""
     starts: int = 0
-    """Of the inspection."""
+    """Number of times that the inspection was started."""
     seconds: float = 0.0
-    """That it took."""
+    """Duration of the run."""
 
 
 class Watches:
@@ -64,7 +64,7 @@ class Watches:
             self._standing_by = self._spawned()
 
     def kill(self) -> None:
-        """As `kill -9` does."""
+        """Kill the inspection as `kill -9` does."""
         if self._running is not None:
             self._running.kill()
             self._running.wait()
@@ -138,7 +138,7 @@ def run_plant(plan: Plan, folder: Path, *, log: Path, progress: Callable[[str], 
 def _steps(
     plan: Plan, server: PlcServer, relay: Relay, watches: Watches, kills: int, happened: Happened
 ) -> Iterator[tuple[float, Callable[[], None]]]:
-    """What is done when."""
+    """Yield times, and what is done then."""
 
     def hang(on: bool) -> None:
         server.hung = on

@@ -30,7 +30,7 @@ DISTANCE_MM: Final = 3000.0
 MISPRINT, EVERY = "missing-content:0.9", 8
 """What so coarse a camera can see."""
 DESIGNS: Final = 24
-"""That teach the press."""
+"""Number of designs that the press is trained with."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ class Rig:
         return self.folder / "job.pdf"
 
     def prepared(self, progress: Callable[[str], None]) -> Rig:
-        """With its files, made if they are not there."""
+        """Return the rig with its files, made if they are not there."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if not self.job.exists():
             progress("making the sample job")
@@ -72,9 +72,9 @@ class Watched:
 
     rows: list[TrayRow]
     written_ms: list[float] = field(default_factory=list)
-    """From last line to register."""
+    """Time from the last line to the register."""
     verdict_ms: list[float] = field(default_factory=list)
-    """From last line to verdict."""
+    """Time from the last line to the verdict."""
     runs: int = 0
     detector: str = ""
     pixels: int = 0
@@ -82,7 +82,7 @@ class Watched:
 
 
 def press_text(*, host: str, port: int) -> str:
-    """The prototype with fewer and wider pixels, and a gate."""
+    """Return the prototype's press file with fewer and wider pixels, and a gate."""
     text = PressFile.prototype().text
     for name, kind, factor in (
         ("pixels", int, 1 / COARSER),

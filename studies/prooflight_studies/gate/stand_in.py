@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 BLOCK_LINES: Final = 128
 BLANK: Final = np.zeros((1, BLOCK_LINES, GEOMETRY.pixels), np.uint16)
 JUMPS_S: Final = (3600.0, -7200.0)
-"""Of the wall clock, one after the other."""
+"""Jumps of the wall clock, one after the other."""
 RECKONED_WRONG: Final = 1.07
 """The camera's count after it was away: reckoned by time, and wrong."""
 
@@ -67,14 +67,13 @@ class ScaledClock:
             time.sleep(left_s)
 
 
-def settings_of(host: str, port: int, *, style: str = "registers") -> GateSettings:
-    """The gate of this study, as a press file would have it."""
-    plc = PlcSettings(host=host, port=port, style="coil" if style == "coil" else "registers")
-    return GateSettings(distance_mm=DISTANCE_MM, plc=plc)
+def settings_of(host: str, port: int) -> GateSettings:
+    """Return the gate of this study, as a press file would have it."""
+    return GateSettings(distance_mm=DISTANCE_MM, plc=PlcSettings(host=host, port=port))
 
 
 def hurried_wire(faster: float) -> type[Wire]:
-    """A wire whose patience is as much shorter as time is faster."""
+    """Return a wire whose patience is as much shorter as time is faster."""
 
     class Hurried(Wire):
         def __init__(self, plc: PlcSettings) -> None:
@@ -97,7 +96,7 @@ class StandIn:
         ]
 
     def run(self) -> None:
-        """Until the plan ends."""
+        """Run until the plan ends."""
         per_s = self._plan.speed_mm_s / LINE_MM
         clock, plan = self._clock, self._plan
         begun_s = clock()

@@ -53,7 +53,7 @@ LATENCY_SHEETS, QUICK_LATENCY_SHEETS = 840, 60
 WATCH_SHEETS, QUICK_WATCH_SHEETS = 240, 48
 WATCH_RATE: Final = 2.0
 KILL_SHARE: Final = 0.5
-"""Of the sheets, at the gate when `watch` is killed."""
+"""Share of the sheets at the gate when `watch` is killed."""
 PUBLISHED_MS: Final = ((0.0, 120.0), (0.5, 182.0), (0.99, 275.0), (0.999, 363.0), (1.0, 487.0))
 """Share and time from last line to verdict, as measured once of chi-square, two sensors, 5 sheets a second on two
 cores; the least is assumed. Used where `latency` has not been measured in full."""

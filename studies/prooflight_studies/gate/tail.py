@@ -46,7 +46,7 @@ class Tail:
 
 
 def fitted(times_ms: NDArray[np.float64], *, seed: int) -> Tail:
-    """The tail of times (n,). ValueError: too few."""
+    """Fit the tail of times (n,). ValueError: they are too few."""
     if times_ms.size < 50:
         raise ValueError(f"{times_ms.size} times are too few for a tail")
     rng = stream(seed, "gate-bootstrap")
@@ -70,7 +70,10 @@ def fitted(times_ms: NDArray[np.float64], *, seed: int) -> Tail:
 
 
 def distance_mm(time_ms: float, *, sheets_per_s: float, pitch_mm: float, sheet_mm: float) -> float:
-    """From camera to gate: the sheet has passed the camera when time begins, its leading edge then moves on."""
+    """Return the distance from camera to gate.
+
+    The sheet has passed the camera when time begins; its leading edge then moves on.
+    """
     return sheet_mm + sheets_per_s * pitch_mm * time_ms / 1e3
 
 

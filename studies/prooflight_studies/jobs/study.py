@@ -54,7 +54,7 @@ class JobsPlan:
 
     @classmethod
     def quick(cls, seed: int) -> JobsPlan:
-        """Enough to see that all of it works."""
+        """Return a size that is enough to see that all of it works."""
         return cls(seed=seed, files=60, kills=3)
 
 

@@ -56,7 +56,7 @@ class CausesPlan:
 
     @classmethod
     def quick(cls, seed: int) -> CausesPlan:
-        """Enough to see that all of it works."""
+        """Return a size that is enough to see that all of it works."""
         return cls(seed=seed, designs=6, defects=24, unlisted=4, null=20, loops=20)
 
 
@@ -87,9 +87,9 @@ class PlantResults:
     nozzle_alone: int
     """Runs in which the failing head alone was named, and not another that has a nozzle there too."""
     density_inks: int
-    """Runs with a density that drifts in which the right ink was named ..."""
+    """Number of runs with a density that drifts in which the right ink was named."""
     register_inks: int
-    """... and of a register that steps."""
+    """Number of runs with a register that steps in which the right ink was named."""
     nozzle_off: list[float]
     """Error of the number, in nozzles, on the first sheets of each run."""
     null: int

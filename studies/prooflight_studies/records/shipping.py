@@ -34,7 +34,7 @@ FAULTS: Final = (
     "journals' disk full",
     "server away",
 )
-"""In the order in which they come, again and again."""
+"""Actions in the order in which they come, again and again."""
 LASTS_S: Final = 5.0
 """Time for which a server is away or a disk full."""
 SETTLED_S: Final = 40.0

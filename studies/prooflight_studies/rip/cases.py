@@ -26,7 +26,7 @@ class Case:
 
     name: str
     clause: str
-    """Of ISO 32000-2."""
+    """Clause of ISO 32000-2."""
     content: str
     inks: tuple[int, int, int, int]
     """C, M, Y, K. [of 255]"""
@@ -154,7 +154,7 @@ CASES: Final = (
 
 
 def case_pdf(case: Case) -> bytes:
-    """The page as a PDF file."""
+    """Return the page as a PDF file."""
     pixel = "/Subtype/Image/Width 1/Height 1/BitsPerComponent 8/ColorSpace"
     objects = [
         "<</Type/Catalog/Pages 2 0 R/OCProperties<</OCGs[10 0 R]/D<<>>>>>>",

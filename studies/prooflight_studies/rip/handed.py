@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Ink = tuple[int, int, int, int]
 TOLERANCE: Final = 2
-"""Of 255: opacity has eight bits."""
+"""Greatest difference, of 255: opacity has eight bits."""
 DPI: Final = 72
 REFUSED: Final = "page-refused"
 
@@ -30,7 +30,7 @@ class Handed:
     number: str
     what: str
     clause: str
-    """Of ISO 32000-2."""
+    """Clause of ISO 32000-2."""
     before: str
     right: Ink | None = None
     """None: the case is not about an ink."""

@@ -54,9 +54,9 @@ class RipStudy:
     ours_right: int
     ghostscript_right: int
     handed: tuple[HandedRow, ...]
-    """Of a folder of PDFs that were once printed wrong; empty: none was given."""
+    """Rows of a folder of PDFs that were once printed wrong; empty: none was given."""
     pages: tuple[PageRow, ...]
-    """Of a folder of public pages; empty: none was given."""
+    """Rows of a folder of public pages; empty: none was given."""
     pages_dpi: float
     beyond: int
     even: int
@@ -128,12 +128,12 @@ def run_rip_study(
 
 
 def is_right(inks: tuple[int, ...], right: tuple[int, ...]) -> bool:
-    """Whether inks are the specification's, within ``TOLERANCE``."""
+    """Return whether inks are the specification's, within ``TOLERANCE``."""
     return len(inks) == len(right) and all(abs(a - b) <= TOLERANCE for a, b in zip(inks, right, strict=True))
 
 
 def middle_of_prooflight(pdf: Path) -> tuple[int, ...]:
-    """Ink in the middle of the first page; empty if it is refused."""
+    """Return the ink in the middle of the first page; empty if it is refused."""
     try:
         with PdfJob(pdf) as job:
             return tuple(job.page(1, DPI).cmyk[MIDDLE, MIDDLE].tolist())
@@ -142,7 +142,7 @@ def middle_of_prooflight(pdf: Path) -> tuple[int, ...]:
 
 
 def middle_of_ghostscript(program: str, pdf: Path) -> tuple[int, ...]:
-    """The same by Ghostscript's ``tiff32nc``, overprint simulated."""
+    """Return the same by Ghostscript's ``tiff32nc``, overprint simulated."""
     picture = pdf.with_suffix(".tif")
     picture.unlink(missing_ok=True)
     options = (

@@ -86,7 +86,7 @@ RIPS: Final = (
     ),
     OwnRip(name="contone-600", title="Ghostscript, 600 dpi, continuous tone", dpi=600.0),
 )
-"""In this order, so that those of one resolution share its raster."""
+"""Presses in such an order that those of one resolution share its raster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

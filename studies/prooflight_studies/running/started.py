@@ -100,15 +100,13 @@ def sustained(row: Mapping[str, Any]) -> bool:
     return not row["late"] and not row["not_inspected"]
 
 
-def highest_sustained(
-    sustains: Callable[[float], bool], *, step: float = STEP_PER_S, most: float = FASTEST_PER_S
-) -> float:
+def highest_sustained(sustains: Callable[[float], bool]) -> float:
     """Return the highest rate that ``sustains`` confirms, by bisection in steps; 0 if not even one step. [pages/s]"""
-    low, high = 0, round(most / step) + 1
+    low, high = 0, round(FASTEST_PER_S / STEP_PER_S) + 1
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (middle, high) if sustains(middle * step) else (low, middle)
-    return low * step
+        low, high = (middle, high) if sustains(middle * STEP_PER_S) else (low, middle)
+    return low * STEP_PER_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

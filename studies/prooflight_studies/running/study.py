@@ -118,8 +118,6 @@ class Study:
     seed: int
     one: Path | None
     """A trained press with one sensor; None: the prototype, untrained."""
-    two: Path | None
-    """A press with two sensors."""
     inspectors: int
     progress: Callable[[str], None]
     pages: Path | None = None
@@ -142,7 +140,7 @@ class Study:
         """Return rows of `prooflight watch` as a user starts it, on presses as `press build` makes them."""
         one, two = (
             self._trained("one", self.one, "prototype.toml"),
-            self._trained("two", self.two, TWO_SENSORS),
+            self._trained("two", None, TWO_SENSORS),
         )
         folder = self.cache / "running"
         sample = make_sample_job(folder / "sample-job.pdf")
@@ -185,7 +183,7 @@ class Study:
         it sustains.
         """
         one = Press.load(self._trained("one", self.one, "prototype.toml"))
-        two = Press.load(self._trained("two", self.two, TWO_SENSORS))
+        two = Press.load(self._trained("two", None, TWO_SENSORS))
         prints, sheets = self.plan.prints, self.plan.live_sheets
         often = self._shown(one, self.plan.designs, prints, repeated=True)
         rare = often.with_fewer_wrong(max(prints // FEW_WRONG, 1))

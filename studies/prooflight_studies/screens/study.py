@@ -24,8 +24,6 @@ from prooflight_studies.screens.paper_report import report_picture
 from prooflight_studies.screens.press_floor import GOING, Floor, press_floor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from playwright.sync_api import Browser, BrowserContext, FloatRect, Page
 
 SEED: Final = 1
@@ -152,8 +150,6 @@ def run_screens_study(
     *,
     press: Path | None = None,
     job: Path | None = None,
-    only: Iterable[str] = (),
-    originals: Path | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
     """Take pictures of every page, write a contact sheet of each, and the page that shows them.
@@ -166,10 +162,6 @@ def run_screens_study(
         Folder of the contact sheets.
     press, job
         Press artefact and job that are shown; None for those of the demonstration.
-    only
-        Names of the pages that are pictured, while the others stay as they were; none for all of them.
-    originals
-        Folder of the pictures as they were taken; None: they are not stored.
 
     Raises
     ------
@@ -181,7 +173,6 @@ def run_screens_study(
         raise RequestError("--part screens", "Chromium or Playwright is not installed", remedy=remedy)
     from playwright.sync_api import sync_playwright
 
-    chosen = [one for one in SCREENS if not only or one.name in only]
     pictures.mkdir(parents=True, exist_ok=True)
     rows = {row["name"]: row for row in stored_results(page).get("rows", [])}
     results: dict[str, Any] = {}
@@ -192,11 +183,11 @@ def run_screens_study(
         with press_floor(made / "floor", press, job) as floor:
             browser = started.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
             windows = _windows(browser, floor)
-            for screen in chosen:
+            for screen in SCREENS:
                 if screen.records and not floor.has_records:
                     continue
                 progress(screen.title)
-                taken, faults = _taken(windows[screen.signed_in], floor.address, screen, originals)
+                taken, faults = _taken(windows[screen.signed_in], floor.address, screen)
                 _write(pictures / f"{screen.name}.png", as_png(contact_sheet(taken)))
                 rows[screen.name] = {
                     "name": screen.name,
@@ -264,7 +255,7 @@ def _windows(browser: Browser, floor: Floor) -> dict[bool, dict[str, list[Browse
 
 
 def _taken(
-    windows: dict[str, list[BrowserContext]], address: str, screen: Screen, originals: Path | None
+    windows: dict[str, list[BrowserContext]], address: str, screen: Screen
 ) -> tuple[list[list[Image.Image]], list[str]]:
     """Return the pictures of a page, a row a colour scheme, and what is wrong in them."""
     taken: list[list[Image.Image]] = []
@@ -275,9 +266,6 @@ def _taken(
             data, wrong = _picture(context, address, screen)
             taken[-1].append(Image.open(io.BytesIO(data)))
             faults += [f"{width} px, {scheme}: {one}" for one in wrong]
-            if originals is not None:
-                originals.mkdir(parents=True, exist_ok=True)
-                (originals / f"{screen.name}-{width}-{scheme}.png").write_bytes(data)
     return taken, faults
 
 

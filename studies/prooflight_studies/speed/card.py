@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.detectors.matched_filter.analysis import analyse
-from prooflight.detectors.matched_filter.card_images import Designs, engine_on
+from prooflight.detectors.matched_filter.card.designs import Designs
+from prooflight.detectors.matched_filter.card.images import engine_on
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.inspection.inspector import Inspector
@@ -48,6 +49,8 @@ TIMED_PAGES: Final = 8
 """First pages of the job, of which one good print each is timed."""
 OFF_QUANTILES: Final = (0.5, 0.95, 0.99, 1.0)
 FARTHEST: Final = 10
+SECONDS: Final = 5.0
+"""Time for which whole inspections are counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,11 +66,11 @@ class CardFigures:
     compiled_s: float
     """Time of the first analysis, which compiles."""
     pages: int
-    """Pages of the job, of which ..."""
+    """Number of pages of the job."""
     prints: int
-    """... so many prints were judged by both, ..."""
+    """Number of prints that were judged by both."""
     misprints: int
-    """... so many of them misprinted."""
+    """Number of these prints that were misprinted."""
     score_off: tuple[float, ...]
     """``OFF_QUANTILES`` of the difference of the two scores of a print."""
     differing: tuple[Compared, ...]
@@ -77,18 +80,18 @@ class CardFigures:
     farthest: tuple[Compared, ...]
     """Prints whose scores differ most."""
     sheet_ms: float
-    """From a scan in pinned memory to its sums on the card, median."""
+    """Median time from a scan in pinned memory to its sums on the card."""
     upload_ms: float
     in_flight: dict[int, float]
     """Sheets a second on the card, by sheets on it at once."""
     gpu_per_s: dict[int, float]
-    """Whole inspections a second by number of worker processes, images on the card ..."""
+    """Whole inspections a second by number of worker processes, images on the card."""
     cpu_per_s: dict[int, float]
-    """... and all on the processor."""
+    """Whole inspections a second by number of worker processes, all on the processor."""
     gpu_cpu_s: float
-    """Processor time of an inspection with images on the card ..."""
+    """Processor time of an inspection with images on the card."""
     cpu_cpu_s: float
-    """... and without."""
+    """Processor time of an inspection without the card."""
 
 
 class RecordedCard(Card):
@@ -120,7 +123,6 @@ def card_figures(
     *,
     seed: int,
     prints: int,
-    seconds: float = 5.0,
     say: Callable[[str], None] = lambda _: None,
 ) -> CardFigures:
     """Measure a card on ``prints`` of a job's pages; RequestError: there is no card."""
@@ -147,11 +149,11 @@ def card_figures(
     say(f"first inspection on the card after {compiled_s:.1f} s")
     sheet_ms, upload_ms, in_flight = _card_alone(designs[0], scans[0], say)
     gpu_cpu_s, cpu_cpu_s = (
-        _cpu_seconds(one, of_it, scans, seconds) for one, of_it in ((card, on_card), (inspector, designs))
+        _cpu_seconds(one, of_it, scans) for one, of_it in ((card, on_card), (inspector, designs))
     )
     compared = judged_by_both(job, press, pages=count, prints=prints, seed=seed, processes=cores, say=say)
     say("timing whole inspections")
-    gpu, cpu = (_rates(one, pages, scans, cores=cores, seconds=seconds, say=say) for one in (card, inspector))
+    gpu, cpu = (_rates(one, pages, scans, cores=cores, say=say) for one in (card, inspector))
     return CardFigures(
         card=card.engine,
         numba_cuda=version("numba-cuda"),
@@ -246,12 +248,12 @@ def _card_alone(
 
 
 def _cpu_seconds(
-    inspector: Inspector, designs: Sequence[Prepared], scans: Sequence[NDArray[np.uint16]], seconds: float
+    inspector: Inspector, designs: Sequence[Prepared], scans: Sequence[NDArray[np.uint16]]
 ) -> float:
     """Return the processor time of one inspection, one after the other. [s]"""
     for turn in range(2 * len(scans)):  # steps on a card are recorded the second time
         inspector.inspect(designs[turn % len(scans)], scans[turn % len(scans)])
-    end, spent, done = time.perf_counter() + seconds, time.process_time(), 0
+    end, spent, done = time.perf_counter() + SECONDS, time.process_time(), 0
     while time.perf_counter() < end:
         inspector.inspect(designs[done % len(scans)], scans[done % len(scans)])
         done += 1
@@ -264,7 +266,6 @@ def _rates(
     scans: Sequence[NDArray[np.uint16]],
     *,
     cores: int,
-    seconds: float,
     say: Callable[[str], None],
 ) -> dict[int, float]:
     """Return whole inspections a second by number of worker processes, in the workers that a run uses."""
@@ -293,7 +294,7 @@ def _rates(
                         done += 1
                     return done
 
-                done = sum(crew.map(partial(work, end=begin + seconds, turns=turns), range(count)))
+                done = sum(crew.map(partial(work, end=begin + SECONDS, turns=turns), range(count)))
                 rates[count] = done / (time.perf_counter() - begin)
             say(f"{inspector.engine}: {rates[count]:.1f} inspections a second by {count} workers")
         return dict(sorted(rates.items()))

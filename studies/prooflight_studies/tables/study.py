@@ -165,12 +165,12 @@ def random_colours(seed: int) -> Colours:
     )
 
 
-def with_chart(press_file: PressFile, chart: Path, *, model: str = "hybrid") -> PressFile:
+def with_chart(press_file: PressFile, chart: Path) -> PressFile:
     """Return the same press with inks fitted to a chart.
 
     Its path is in the chart's folder, so that its text names no folder.
     """
-    text = f'{press_file.text.rstrip()}\n\n[inks]\nchart = "{chart.name}"\nmodel = "{model}"\n'
+    text = f'{press_file.text.rstrip()}\n\n[inks]\nchart = "{chart.name}"\nmodel = "hybrid"\n'
     return PressFile(chart.parent / f"{press_file.name}-chart.toml", text)
 
 

@@ -111,7 +111,7 @@ class Level:
     low: float
     value: float
     high: float
-    """With 95 % certainty between; the value is the median."""
+    """Upper end of the range that holds it with 95 % certainty; the value is the median."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -203,7 +203,7 @@ def _hair(name: str, length_mm: float) -> NamedMark:
 
 SMALLEST: Final = _spot("black spot, 0.5 mm, 90 %", 0.5, BLACK, 0.9)
 LETTERS: Final = _spot("black spot, 1 mm, 90 %", 1.0, BLACK, 0.9)
-"""For bare paper between and beside lines of text."""
+"""Mark for bare paper between and beside lines of text."""
 NAMED: Final = (
     _spot("black spot, 0.8 mm, 90 %", 0.8, BLACK, 0.9),
     _spot("magenta spot, 1.2 mm, 80 %", 1.2, MAGENTA, 0.8),
@@ -230,7 +230,7 @@ class Kind:
     """A kind of mark for curves: what its level is, and on which places it can be."""
 
     what: str
-    """In words, with what stays the same at all levels."""
+    """Description of the mark, with what stays the same at all levels."""
     unit: str
     levels: tuple[float, float]
     """The least and the greatest that is printed."""

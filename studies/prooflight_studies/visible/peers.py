@@ -30,7 +30,7 @@ MEASURES: Final = (
     "SSIM, mean",
     *(f"variation, {floor:.1%}" for floor in FLOORS),
 )
-"""In the order of ``peer_scores``."""
+"""Names in the order of ``peer_scores``."""
 PEERS: Final = {"difference": (0, 1, 2), "SSIM": (3, 4), "variation": (5, 6)}
 """Measures that are one method with different settings."""
 

@@ -43,7 +43,7 @@ class Camera:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name of the camera in words."""
         return f"{'one sensor' if self.sensors == 1 else 'two sensors'}, {self.pitch_mm:g} mm"
 
     @property

@@ -43,15 +43,15 @@ AREAS_MM: Final[Mapping[str, tuple[float, float, float, float]]] = {
 }
 """Left, top, right and bottom of the area in which marks are centred."""
 CLEAR_MM: Final = 6.0
-"""From a mark on bare paper to the nearest ink and to the page's edges, at least."""
+"""Least distance from a mark on bare paper to the nearest ink and to the page's edges."""
 NEAR_TEXT_MM: Final = (1.2, 2.5)
-"""From a mark between or beside lines of text to the nearest ink."""
+"""Distance from a mark between or beside lines of text to the nearest ink."""
 LETTER_MM: Final = 5.0
 """Greatest height and width of a letter."""
 TINT_COVER: Final = (0.1, 0.6)
 """Ink area of a tint, all inks together."""
 TINT_CLEAR_MM: Final = 2.0
-"""From a mark on a tint to the tint's end, at least."""
+"""Least distance from a mark on a tint to the tint's end."""
 TRIES: Final = 100
 EDGE: Final = INKED
 """Step of an ink that is an edge: a quarter of full ink."""

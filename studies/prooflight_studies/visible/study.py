@@ -77,9 +77,9 @@ class VisiblePlan:
     fine: Camera = field(default_factory=lambda: Camera(sensors=2, pitch_mm=0.127))
     """Before which the smallest mark is printed."""
     prints: int = 100
-    """Prints of every mark of ``HEADLINE`` on every place ..."""
+    """Number of prints of every mark of ``HEADLINE`` on every place."""
     others: int = 40
-    """... and of the other marks."""
+    """Number of prints of each other mark on every place."""
     copies: int = 4
     """Prints of one mark on one design: composing and preparing a design takes as long as printing it so often."""
     screened: int = 400
@@ -102,7 +102,7 @@ class VisiblePlan:
 
     @classmethod
     def quick(cls, seed: int) -> VisiblePlan:
-        """Enough to see that all of it works."""
+        """Return a size that is enough to see that all of it works."""
         camera = Camera(sensors=2, pitch_mm=0.508)
         return cls(
             seed=seed,

@@ -126,7 +126,7 @@ def test_a_part_that_is_known_is_measured_again_only_where_asked(
     monkeypatch.setattr(Study, "_streak", streak)
     (tmp_path / "running").mkdir()
     study = Study(
-        out=tmp_path, cache=tmp_path, plan=Plan.of(quick=True), seed=1, one=None, two=None, inspectors=1,
+        out=tmp_path, cache=tmp_path, plan=Plan.of(quick=True), seed=1, one=None, inspectors=1,
         progress=lambda _text: None,
     )  # fmt: skip
     study.run(("streak",))

@@ -16,7 +16,7 @@ import pytest
 
 from prooflight.detectors.devices import refuse_without_card
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.card_images import engine_on
+from prooflight.detectors.matched_filter.card.images import engine_on
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of

@@ -6,6 +6,7 @@ import asyncio
 import threading
 import time
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from fastapi import FastAPI
@@ -90,6 +91,41 @@ def console_app(
     ConsoleFileError, RequestError
         If the console's file or its settings cannot be used.
     """
+    console = _console(
+        settings, clock=clock, ticking=ticking, passwords=passwords, prices=prices or Prices(), step=step
+    )
+    app = FastAPI(
+        title="Prooflight console",
+        version=__version__,
+        description=DESCRIPTION,
+        openapi_url=None,  # served by an endpoint that requires a role
+        docs_url=None,
+        redoc_url=None,
+        lifespan=partial(_alive, console),
+    )
+    app.state.console = console
+    include(app, *API_ROUTERS, *PAGE_ROUTERS)
+    app.add_middleware(BoundedBodies)
+    app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
+    problems.handle(app, page=problem_page)
+    app.add_middleware(Headers, secure=console.settings.secure)
+    app.add_middleware(RequestLog, reading=console.reading)
+    if proxies := console.settings.trusted_proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(proxies))
+    refuse_unguarded(app)
+    return app
+
+
+def _console(
+    settings: ConsoleSettings,
+    *,
+    clock: Callable[[], float],
+    ticking: Callable[[], float],
+    passwords: Passwords | None,
+    prices: Prices,
+    step: Callable[[StepRequest, Connection], None],
+) -> Console:
+    """Return the services of the console, each given those that it needs; see ``console_app``."""
     accounts = Accounts(settings.data, clock=clock, passwords=passwords)
     reading = Reading(settings.journal)
     label_store = LabelStore(settings.journal)
@@ -104,11 +140,9 @@ def console_app(
         versions=tuple if versions is None else versions.files,
     )
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
-    zones = ZonesService(
-        jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
-    )
+    zones = ZonesService(jobs=settings.jobs, presses=settings.presses, prices=prices, accounts=accounts)
     live = Live(reading, incidents, label_store, reprints, alarm_store, clock=ticking, ahead=pictures.ahead)
-    console = Console(
+    return Console(
         settings=settings,
         accounts=accounts,
         label_store=label_store,
@@ -136,42 +170,23 @@ def console_app(
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )
 
-    @asynccontextmanager
-    async def alive(_app: FastAPI) -> AsyncIterator[None]:
-        looking = asyncio.create_task(console.live.run())
-        indexing = threading.Thread(target=console.index.follow, name="index", daemon=True)
-        indexing.start()
-        try:
-            yield
-        finally:
-            console.live.close()
-            console.index.close()
-            looking.cancel()
-            await asyncio.gather(looking, return_exceptions=True)
-            indexing.join()
-            console.zones.prices.close()
-            console.work.close()
-            console.pictures.close()
-            reading.close()
-            accounts.close()
 
-    app = FastAPI(
-        title="Prooflight console",
-        version=__version__,
-        description=DESCRIPTION,
-        openapi_url=None,  # served by an endpoint that requires a role
-        docs_url=None,
-        redoc_url=None,
-        lifespan=alive,
-    )
-    app.state.console = console
-    include(app, *API_ROUTERS, *PAGE_ROUTERS)
-    app.add_middleware(BoundedBodies)
-    app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
-    problems.handle(app, page=problem_page)
-    app.add_middleware(Headers, secure=settings.secure)
-    app.add_middleware(RequestLog, reading=reading)
-    if settings.trusted_proxies:
-        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(settings.trusted_proxies))
-    refuse_unguarded(app)
-    return app
+@asynccontextmanager
+async def _alive(console: Console, _app: FastAPI) -> AsyncIterator[None]:
+    """Follow runs and index their sheets while the application lives, and close all services at its end."""
+    looking = asyncio.create_task(console.live.run())
+    indexing = threading.Thread(target=console.index.follow, name="index", daemon=True)
+    indexing.start()
+    try:
+        yield
+    finally:
+        console.live.close()
+        console.index.close()
+        looking.cancel()
+        await asyncio.gather(looking, return_exceptions=True)
+        indexing.join()
+        console.zones.prices.close()
+        console.work.close()
+        console.pictures.close()
+        console.reading.close()
+        console.accounts.close()

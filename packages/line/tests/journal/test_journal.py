@@ -192,7 +192,7 @@ def test_the_last_word_on_a_sheet_stands_whatever_comes_between(
         elif act == "restart":
             journal.close()
             journal = Journal.open(str(path))
-            assert journal.unfinished_run(facts()) == run
+            assert journal.last_run().id == run
         else:
             sheet, score, evidence = act
             journal.record(run, record(sheet, score=score, kept=evidence))
@@ -232,19 +232,6 @@ def test_runs_say_how_they_are_and_what_came_of_them(path: Path) -> None:
         assert counts == (4, 1, 1, 1, 1)
         assert runs == [reader.run(first), reader.last_run()]
         assert [page.sheet for page in reader.pages(first, passed=False)] == [2, 3, 4]
-
-
-def test_only_the_same_run_without_an_end_is_gone_on_with(path: Path) -> None:
-    with Journal.open(str(path)) as journal:
-        assert journal.unfinished_run(facts()) is None
-        run = journal.begin_run(facts())
-    with Journal.open(str(path)) as journal:
-        assert journal.unfinished_run(facts(started_s=5.0)) == run
-        assert journal.unfinished_run(facts(job_digest="x")) is None
-        assert journal.unfinished_run(facts(press_digest="x")) is None
-        journal.end_run(run, RunEnd(ended_s=1.0, ending="finished"))
-        assert journal.unfinished_run(facts()) is None
-        assert journal.begin_run(facts()) == run + 1
 
 
 def test_who_reads_a_long_run_does_not_stop_who_writes(path: Path) -> None:

@@ -56,7 +56,7 @@ def page(sheet: int) -> PageRecord:
 def write(path: Path, first: int, tell: int) -> None:
     """Go on with the run from sheet ``first``; say which sheets are durable, until somebody ends this."""
     journal = Journal.open(str(path), announce=lambda text: os.abort())
-    run = journal.unfinished_run(FACTS) or journal.begin_run(FACTS)
+    run = journal.last_run().id if journal.runs() else journal.begin_run(FACTS)
     while True:
         last = first + 1 + first % 7
         for sheet in range(first, last):

@@ -45,7 +45,8 @@ def shipped(shipper: Shipper) -> int:
 
 def write(path: Path, *pages: PageRecord, started_s: float = 1000.0, end: bool = False) -> int:
     with Journal.open(str(path)) as journal:
-        run = journal.unfinished_run(facts()) or journal.begin_run(facts(started_s=started_s))
+        unfinished = [one.id for one in journal.runs() if one.end is None]
+        run = unfinished[-1] if unfinished else journal.begin_run(facts(started_s=started_s))
         for page in pages:
             journal.record(run, page)
         if end:

@@ -325,7 +325,7 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None, stated: Stated
         table.add_row(visible(name), *inks, *swatch, shown, _few([page.name for page in pages]))
     show.people.print(table)
     for name, cmyk in {
-        name: cmyk for name, cmyk, _ in rows if name in stated.inks or name in stated.units
+        name: cmyk for name, cmyk, _ in rows if name in stated.spectra.inks or name in stated.units
     }.items():
         show.people.print(Text(visible(_spectral(stated, name, cmyk))), soft_wrap=True)
 

@@ -40,7 +40,9 @@ if TYPE_CHECKING:
     from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.parallel import Processes
     from prooflight.pages.warnings import PageWarning
+    from prooflight.press.artefact import Press
     from prooflight.reporting.report import PageEntry
+    from prooflight.simulation.worlds import World as PressWorld
 
 InRun = TypeVar("InRun", "Judged", "PageEntry")
 
@@ -78,7 +80,6 @@ def demo(
     """
     from prooflight.cli.jobs import demonstration
     from prooflight.inspection.inspector import Inspector
-    from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
     from prooflight.press.pages import job_source
     from prooflight.reporting.report import RunSummary, write_report
@@ -86,29 +87,8 @@ def demo(
 
     into = world_named(world)
     say = show.steps(quiet=json)
-    with ThreadPoolExecutor(max_workers=1) as composer:
-        if job is None:
-            import_module(
-                "prooflight.simulation.corpus.sample_job.sample_job"
-            )  # it names a missing extra at once
-            job = out / "sample-job.pdf"
-            say("composing the sample job")
-            composed = composer.submit(demonstration.sample_job, job, seed=seed)
-            sizes: Sequence[tuple[float, float]] = [demonstration.SAMPLE_SIZE_MM]
-        else:
-            composed = None
-            with JobSource(path=job, dpi=1.0, profile=profile).open() as opened:
-                sizes = opened.page_sizes_mm
-        press = demonstration.demo_press(
-            sizes,
-            world=into,
-            seed=seed,
-            progress=say,
-            shown=lambda days, total, what: _shown(days, total, what, quiet=json),
-        )
-    titles = () if composed is None else composed.result()
-    artefact = out / f"{press.name}.press"
-    press.save(artefact)
+    job, press, titles = _job_and_press(job, out, world=into, profile=profile, seed=seed, json=json)
+    press.save(out / f"{press.name}.press")
     source = job_source(job, press, profile=profile)
     with source.open() as opened:
         sizes, name = opened.page_sizes_mm, opened.name
@@ -136,6 +116,36 @@ def demo(
     _print_totals(entries, title=f"{name} on press {press.name}", pages_per_s=pages_per_s, json=json)
     if not json:
         show.people.print("Open", show.strong(report))
+
+
+def _job_and_press(
+    job: Path | None, out: Path, *, world: PressWorld, profile: Path | None, seed: int, json: bool
+) -> tuple[Path, Press, tuple[str, ...]]:
+    """Return the job, a press for its pages, and the titles of the sample job, which is composed meanwhile."""
+    from prooflight.cli.jobs import demonstration
+    from prooflight.pages.job import JobSource
+
+    say = show.steps(quiet=json)
+    with ThreadPoolExecutor(max_workers=1) as composer:
+        if job is None:
+            # An extra that is missing is named at once.
+            import_module("prooflight.simulation.corpus.sample_job.sample_job")
+            job = out / "sample-job.pdf"
+            say("composing the sample job")
+            composed = composer.submit(demonstration.sample_job, job, seed=seed)
+            sizes: Sequence[tuple[float, float]] = [demonstration.SAMPLE_SIZE_MM]
+        else:
+            composed = None
+            with JobSource(path=job, dpi=1.0, profile=profile).open() as opened:
+                sizes = opened.page_sizes_mm
+        press = demonstration.demo_press(
+            sizes,
+            world=world,
+            seed=seed,
+            progress=say,
+            shown=lambda days, total, what: _shown(days, total, what, quiet=json),
+        )
+    return job, press, () if composed is None else composed.result()
 
 
 def _print_totals(entries: Sequence[PageEntry], *, title: str, pages_per_s: float, json: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.job import Job
-    from prooflight.pages.spots.spot_ink import SpotInk
     from prooflight.pages.spots.spot_print import SpotPrint
     from prooflight.press.artefact import Press
 
@@ -31,38 +30,35 @@ KIND: Final = "spot-spectrum"
 class StatedSpots:
     """Spot inks of a job, and what a press prints of them."""
 
-    inks: Mapping[str, SpotInk] = field(default_factory=dict)
-    """Spectra by the names of the inks."""
-    origins: Mapping[str, str] = field(default_factory=dict)
-    """Where each spectrum is from."""
-    solidities: Mapping[str, float] = field(default_factory=dict)
-    """See ``JobSpectra``."""
+    spectra: JobSpectra = field(default_factory=JobSpectra)
+    """Spectra that the job states, and those of the press's own units."""
     units: Mapping[str, SpotPrint] = field(default_factory=dict)
     """Inks that the press prints by units of their own."""
     process: ReflectanceModel | None = None
     """Ink model of the press; None: there is no press, or it carries none."""
-    warnings: tuple[PageWarning, ...] = ()
 
     @classmethod
     def of(cls, job: Job, press: Press | None) -> Self:
-        """Read the spectra that are stated of a job's inks; what cannot be read is a warning. JobError: damaged."""
+        """Read the spectra that are stated of a job's inks; JobError: damaged."""
         if press is None:
             return cls()
         stated = JobSpectra.of(job.source.path, job.document_facts())
         units = () if press.spot_units is None else press.spot_units.units
         own = {unit.name: unit.ink for unit in units if unit.ink is not None}
-        warnings = [
-            PageWarning(page=WHOLE_FILE, kind=KIND, message=str(error), object_name=name)
-            for name, error in stated.faults.items()
-        ]
-        inks = {**stated.inks, **own}
+        origins = {**stated.origins, **dict.fromkeys(own, PRESS_FILE)}
+        spectra = replace(stated, inks={**stated.inks, **own}, origins=origins)
         return cls(
-            inks=inks,
-            origins={**stated.origins, **dict.fromkeys(own, PRESS_FILE)},
-            solidities=stated.solidities,
+            spectra=spectra,
             units={spot.name: spot for spot in job.source.spots},
-            process=inks_of(press) if inks and press.ink_facts else None,
-            warnings=tuple(warnings),
+            process=inks_of(press) if spectra.inks and press.ink_facts else None,
+        )
+
+    @property
+    def warnings(self) -> tuple[PageWarning, ...]:
+        """One warning for each spectrum that cannot be read."""
+        return tuple(
+            PageWarning(page=WHOLE_FILE, kind=KIND, message=str(error), object_name=name)
+            for name, error in self.spectra.faults.items()
         )
 
     def delta_e00(self, name: str, cmyk: Sequence[int] | None) -> float | None:
@@ -71,7 +67,7 @@ class StatedSpots:
         cmyk: what is printed for it, 0 to 255. None: no spectrum is stated, nothing is printed, or the press prints it
         by a unit of its own, so that process inks only stand for it.
         """
-        ink = self.inks.get(name)
+        ink = self.spectra.inks.get(name)
         if ink is None or cmyk is None or self.process is None or name in self.units:
             return None
         printed = self.process.reflectance(np.array(cmyk) / 255)
@@ -79,14 +75,14 @@ class StatedSpots:
 
     def spectrum(self, name: str) -> dict[str, Any] | None:
         """Return what is stated of an ink's spectrum, for programs; None: nothing is."""
-        ink = self.inks.get(name)
+        ink = self.spectra.inks.get(name)
         if ink is None:
             return None
         return {
-            "from": self.origins[name],
+            "from": self.spectra.origins[name],
             "condition": ink.condition or None,
             "tints": len(ink.tint),
-            "opacity": self.solidities.get(name) if ink.opacity is None else ink.opacity,
+            "opacity": self.spectra.solidities.get(name) if ink.opacity is None else ink.opacity,
         }
 
     def spectrum_text(self, name: str) -> str:

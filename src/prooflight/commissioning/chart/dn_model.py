@@ -40,6 +40,8 @@ _TVI, _SKEW = (-0.10, 0.24), (-0.06, 0.06)
 _VALUES_A_PARAMETER: Final = 2.5  # a trend of bands needs so many readings for each of its parameters
 _MOST_BANDS: Final = 3  # on four inks of known spectra a fourth changes the error by less than 0.02 sigma
 _CHUNK: Final = 2048
+_SLOPE_STEP: Final = 0.02
+"""Step of ink by which slopes are differenced. [-]"""
 
 
 class Trend(Protocol):
@@ -212,7 +214,7 @@ class SignalModel:
         """Return light, (..., 4) ink fractions -> (..., sensors) [-]."""
         return self.root(cmyk) ** 2
 
-    def root_slopes(self, cmyk: NDArray[np.float64], step: float = 0.02) -> NDArray[np.float64]:
+    def root_slopes(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the change of ``root`` with each ink, (n, 4) -> (n, sensors, 4).
 
         The difference is one-sided at no and at full ink.
@@ -220,8 +222,8 @@ class SignalModel:
         slopes = np.empty((len(cmyk), self.coefficients.shape[1], INKS))
         for ink in range(INKS):
             low, high = cmyk.copy(), cmyk.copy()
-            low[:, ink] = np.maximum(cmyk[:, ink] - step, 0)
-            high[:, ink] = np.minimum(cmyk[:, ink] + step, 1)
+            low[:, ink] = np.maximum(cmyk[:, ink] - _SLOPE_STEP, 0)
+            high[:, ink] = np.minimum(cmyk[:, ink] + _SLOPE_STEP, 1)
             slopes[:, :, ink] = (self.root(high) - self.root(low)) / (high - low)[:, ink, None]
         return slopes
 

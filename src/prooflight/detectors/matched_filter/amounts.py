@@ -58,7 +58,7 @@ class Amount:
     ink: str = ""
     """Letter of the ink; empty: it is none, or not certain which."""
     darker_percent: float | None = None
-    """As in ``Region``; None: not certain."""
+    """Amount of ``Region``; None: it is not certain."""
 
 
 def amount_in(

@@ -75,13 +75,13 @@ if TYPE_CHECKING:
 
 
 MAX_REPREDICTIONS: Final = 2
-"""Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
+"""Maximum number of times that a page is predicted again at the position that its residuals indicate."""
 FAR_PIXELS: Final = 0.1
-"""... minimum displacement of some part of it that requires another prediction ..."""
+"""Minimum displacement of some part of a page that requires another prediction."""
 FRINGE_PARTS: Final = 2
 """Number of steps over a raster pixel by which planes of a press that rips pages itself are sought by their fringes."""
 REMAINING_SHARE: Final = 0.75
-"""... unless that displacement is at least this share of the previous one: displacements caused by a page's
+"""Share of the previous displacement from which no other prediction is made: displacements caused by a page's
 edge and by uneven light do not decrease."""
 
 
@@ -390,70 +390,23 @@ def analyse_registered(
 
     columns: which are faulty (sensors, pixels), and bridged in the scan; None: none.
     """
-    page, prior, at = prepared.page, prepared.prior, prepared.binned_geometry
-    geometry = prepared.landmarks.geometry
-    bins = bins_of(geometry)
-    residual_variance = residual_variance.with_edges_off(page.edge_sd_mm / at.pixel_pitch_mm)
-    if residual_variance.exact:
-        placement, planes_mm = IN_PLACE, np.zeros_like(registration.planes_mm)
-    else:
-        placement, planes_mm = _followed(prepared, scan, registration, lost, threads)
-    where = pixel_map(page, at, placement)
-    if scan.shape[1] < geometry.lines(page.height_mm):
-        where = where.of_first(scan.shape[1] // bins)
-    careful = None
-    if prepared.zones is not None:
-        ignored, careful = prepared.zones.moved(where)
-        where = replace(where, inside=where.inside & ~ignored)
-    printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm, light=prepared.own_light)
-    repeats = prepared.repeats
-    if not isinstance(printed, PrintedPage) and printed is not page:
-        repeats = repeats_of(printed)
+    at, bins = prepared.binned_geometry, bins_of(prepared.landmarks.geometry)
+    residual_variance = residual_variance.with_edges_off(prepared.page.edge_sd_mm / at.pixel_pitch_mm)
+    placed, careful, planes_mm = _placed(prepared, scan, registration, residual_variance, lost, threads)
+    where = placed.where
     # The card has no body for the beat of a stated screen.
     on_host = residual_variance.exact or prepared.beat is not None
-    images = (HostImages if on_host else engine)(
-        PlacedPage(
-            design=prepared.design_images,
-            scan=scan,
-            where=where,
-            printed=printed,
-            repeats=repeats,
-            placement=placement,
-            lost=lost,
-            residual_variance=residual_variance,
-            threads=threads,
-        )
-    )
+    images = (HostImages if on_host else engine)(placed)
     fit = images.fitted(planes_mm / at.pixel_pitch_mm)
     noise = images.take_fit(fit.emptied() if residual_variance.exact else fit)
-    columns = np.zeros((len(noise), geometry.pixels), bool) if columns is None else columns
-    faulty = np.asarray(columns.reshape(len(noise), -1, bins).any(axis=2))
+    faulty = np.zeros((len(noise), at.pixels), bool)
+    if columns is not None:
+        faulty = np.asarray(columns.reshape(len(noise), -1, bins).any(axis=2))
     if faulty.any():  # what such a column sees says nothing
         images.leave_out(faulty)
     if not residual_variance.exact:
-        _take_moves(images, placement, at, page.width_mm)
-    light, left, weight = images.residuals()
-    marks = measure_marks(
-        prepared.binned_sensors,
-        where.inside,
-        light,
-        left,
-        weight,
-        geometry=at,
-        page_width_mm=page.width_mm,
-        unresolved=images.unresolved,
-        hidden=images.hidden,
-        edges_in_border=prepared.own_light is not None,
-        tolerance=prior.place,
-        specks=prepared.specks,
-        floor_share=floor_share,
-        threads=threads,
-    )
-    glyphs = NOTHING
-    if prepared.glyphs is not None:
-        # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
-        astray = _astray(registration, at)
-        glyphs = score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
+        _take_moves(images, placed.placement, at, prepared.page.width_mm)
+    marks, glyphs = _marks_and_glyphs(prepared, images, placed, registration, floor_share)
     return ScanAnalysis(
         registration=registration,
         fit=fit,
@@ -464,12 +417,93 @@ def analyse_registered(
         summed=images.summed,
         placed=images.placed,
         far_planes=partial(
-            register_far_planes, page, prepared.landmarks, scan, registration, lost=lost, threads=threads
+            register_far_planes,
+            prepared.page,
+            prepared.landmarks,
+            scan,
+            registration,
+            lost=lost,
+            threads=threads,
         ),
         block_sums=images.block_sums,
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )
+
+
+def _placed(
+    prepared: PreparedPage,
+    scan: NDArray[np.uint16],
+    registration: Registration,
+    residual_variance: ResidualVariance,
+    lost: NDArray[np.bool_] | None,
+    threads: int,
+) -> tuple[PlacedPage, NDArray[np.bool_] | None, NDArray[np.float64]]:
+    """Return the page where its scan shows it, its careful areas, and its planes (4, 2) [mm] in the raster's places.
+
+    The careful areas are None if the page has no zones.
+    """
+    page, geometry = prepared.page, prepared.landmarks.geometry
+    placement, planes_mm = IN_PLACE, np.zeros_like(registration.planes_mm)
+    if not residual_variance.exact:
+        placement, planes_mm = _followed(prepared, scan, registration, lost, threads)
+    where = pixel_map(page, prepared.binned_geometry, placement)
+    if scan.shape[1] < geometry.lines(page.height_mm):
+        where = where.of_first(scan.shape[1] // bins_of(geometry))
+    careful = None
+    if prepared.zones is not None:
+        ignored, careful = prepared.zones.moved(where)
+        where = replace(where, inside=where.inside & ~ignored)
+    most_mm = prepared.prior.most_plane_mm
+    printed, planes_mm = in_register(page, planes_mm, good_mm=most_mm, light=prepared.own_light)
+    repeats = prepared.repeats
+    if not isinstance(printed, PrintedPage) and printed is not page:
+        repeats = repeats_of(printed)
+    placed = PlacedPage(
+        design=prepared.design_images,
+        scan=scan,
+        where=where,
+        printed=printed,
+        repeats=repeats,
+        placement=placement,
+        lost=lost,
+        residual_variance=residual_variance,
+        threads=threads,
+    )
+    return placed, careful, planes_mm
+
+
+def _marks_and_glyphs(
+    prepared: PreparedPage,
+    images: ScanImages,
+    placed: PlacedPage,
+    registration: Registration,
+    floor_share: float,
+) -> tuple[Marks, ScoredPage]:
+    """Return the small windows and the glyphs of the residuals; see ``measure_marks`` and ``score_glyphs``."""
+    where, threads = placed.where, placed.threads
+    light, left, weight = images.residuals()
+    marks = measure_marks(
+        prepared.binned_sensors,
+        where.inside,
+        light,
+        left,
+        weight,
+        geometry=prepared.binned_geometry,
+        page_width_mm=prepared.page.width_mm,
+        unresolved=images.unresolved,
+        hidden=images.hidden,
+        edges_in_border=prepared.own_light is not None,
+        tolerance=prepared.prior.place,
+        specks=prepared.specks,
+        floor_share=floor_share,
+        threads=threads,
+    )
+    if prepared.glyphs is None:
+        return marks, NOTHING
+    # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
+    astray = _astray(registration, prepared.binned_geometry)
+    return marks, score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
 
 
 def _astray(registration: Registration, geometry: ScanGeometry) -> float:

@@ -6,9 +6,8 @@ It also explains its decisions.
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
@@ -17,7 +16,6 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
 from prooflight.detectors.devices import refuse_without_card
-from prooflight.detectors.matched_filter.amounts import amount_in
 from prooflight.detectors.matched_filter.analysis import (
     analyse,
     mode_sensors,
@@ -27,19 +25,13 @@ from prooflight.detectors.matched_filter.analysis import (
 )
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
 from prooflight.detectors.matched_filter.exchangeability import PressRunTest, of_every_page, summaries
+from prooflight.detectors.matched_filter.explainer import Evidence, Explainer, Judged
 from prooflight.detectors.matched_filter.explaining import (
-    distinct_inks,
-    floor_explanation,
     measured_inks,
-    reason_for,
-    regions_of,
-    whole_page,
 )
-from prooflight.detectors.matched_filter.extents import MODES_OF_EXTENT, column_evidence, extended
 from prooflight.detectors.matched_filter.far_amounts import FarAmounts
-from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
+from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
-from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
 from prooflight.detectors.matched_filter.scan_images import HostImages
 from prooflight.detectors.matched_filter.statistics.families import (
     all_statistics,
@@ -49,18 +41,17 @@ from prooflight.detectors.matched_filter.statistics.families import (
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
 from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
-from prooflight.detectors.matched_filter.streak_place import streak_centre
 from prooflight.detectors.matched_filter.variation import page_variation, print_state
 from prooflight.detectors.matched_filter.visibility import on_tint, visible_marks
 from prooflight.detectors.matched_filter.zones import MatchedFilterPricing, ZonedJudge, careful_statistics
-from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another, unplaced_reason
+from prooflight.detectors.placing import inside, shift_of, shows_another, unplaced_reason
 from prooflight.detectors.verdict import Verdict
 from prooflight.pages.zones.zone import KINDS as ZONE_KINDS
 from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -68,16 +59,14 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.analysis import PreparedPage as PreparedDesign
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.extents import Extent
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.scan_images import Engine
-    from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
-    from prooflight.detectors.verdict import Decision, Ink, Region
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
+    from prooflight.detectors.verdict import Decision
     from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Kind, PageZones
     from prooflight.prediction.tables import SensorModel
-    from prooflight.registration.register import Registration
     from prooflight.scans.scan import Scan
 
 PICTURED_TILES: Final = 2
@@ -89,7 +78,6 @@ UNPLACED: Final = "lines were lost, and the rest does not tell where the page li
 BLIND: Final = (
     "camera column {} answers otherwise than it was calibrated, on the backing too: calibrate the columns"
 )
-PARTS: Final = "parts of the page do not look as designed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,9 +208,9 @@ class MatchedFilterPage:
     inks: str
     """Letters of CMYK that the page has."""
     model: DetectorModel
-    """Model by which this page is judged ..."""
+    """Model by which this page is judged."""
     widening: float
-    """... with tolerances that are wider than others' by this factor."""
+    """Factor by which the tolerances of this page are wider than others'."""
     zones: PageZones | None = None
     judge: ZonedJudge | None = None
     """Decision rule for pages with zones; None: the page has none, or they are not calibrated."""
@@ -258,88 +246,116 @@ class MatchedFilterPage:
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
-        press_context, calibrated, prepared = (
-            self.detector.press_context,
-            self.detector.calibrated,
-            self.prepared_page,
-        )
-        page, page_features = prepared.page, prepared.page_features
-        analysis, statistics, score = self._analysed(scan)
-        strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
-        values, another = self.model.vector_of(statistics), shows_another(analysis.registration)
-        glyphs = NOTHING if another else analysis.glyphs
-        floor = NO_FLOOR if another else analysis.marks.floor
-        stored: dict[str, NDArray[Any]] = {}
-        careful = self._careful(analysis)
-        if self.judge is not None:
-            stored |= self.judge.stored_arrays(values_of(careful))
-            in_zones = self.judge.decide(calibrated, score, values_of(careful))
-            decision, by_ranking = (
-                calibrated.decided(in_zones, glyphs.score, floor.area_mm2),
-                in_zones.score > calibrated.threshold,
-            )
-        else:
-            stored |= {"careful": values_of(careful)} if careful else {}
-            decision, by_ranking = (
-                calibrated.decide(score, glyphs.score, floor.area_mm2),
-                score > calibrated.threshold,
-            )
+        detector, prepared = self.detector, self.prepared_page
+        evidence = self._evidence(scan)
+        judged = self._judged(evidence)
         far: FarAmounts | None = None
-        if decision.misprint and not (another or self.model.residual_variance.exact):
-            far = FarAmounts.of(prepared, analysis, calibrated.model.residual_variance)
-        explanation = self._explained(analysis, strongest, values, careful, far) if by_ranking else {}
-        analysis = analysis.settled()
-        if floor.alarms and not explanation:
-            explanation = floor_explanation(floor, analysis.registration)
-        wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
-        if wrong and prepared.glyphs is not None:
-            others, kind = explanation.get("regions", ()), explanation.get("kind", "")
-            # The evidence itself decides, not the extent of the defect that it is taken for.
-            evidence = self._places(kind, *_ordered(strongest, kind), analysis) if by_ranking else others
-            if not explanation or glyphs_name(prepared.glyphs, wrong, evidence, kind=kind):
-                explanation = glyph_explanation(prepared.glyphs, wrong, others)
-        verdict = Verdict.from_decision(
-            page.name,
-            decision,
-            costs=press_context.costs,
-            shift_mm=shift_of(analysis.registration),
-            detector=calibrated.name,
-            family=FAMILY if explanation.get("kind") in KINDS else strongest[0][0] if strongest else None,
-            inks=measured_inks(analysis, self.inks, far),
-            widened=round(self.widening, 2),
-            **explanation,
-        )
-        if decision.misprint and scan.lost is not None and not (another or analysis.registration.located):
-            verdict = Verdict.skipped(page.name, UNPLACED, detector=calibrated.name)
-        elif analysis.registration.unplaced:
-            verdict = Verdict.skipped(
-                page.name, unplaced_reason(analysis.registration), detector=calibrated.name
-            )
-        if analysis.blind_columns and not decision.misprint:
-            numbers = ", ".join(map(str, analysis.blind_columns))
-            verdict = Verdict.skipped(page.name, BLIND.format(numbers), detector=calibrated.name)
-        placement = analysis.registration.placement if analysis.registration.located else IN_PLACE
-        area = inside(page, press_context.geometry, placement, lines=scan.dn.shape[1])
+        if judged.decision.misprint and not (evidence.another or self.model.residual_variance.exact):
+            far = FarAmounts.of(prepared, evidence.analysis, detector.calibrated.model.residual_variance)
+        explanation = self._explainer.explanation(evidence, judged, far)
+        evidence = evidence.settled()
+        analysis, registration = evidence.analysis, evidence.analysis.registration
+        placement = registration.placement if registration.located else IN_PLACE
+        area = inside(prepared.page, detector.press_context.geometry, placement, lines=scan.dn.shape[1])
         return Inspection(
-            verdict=verdict,
+            verdict=self._verdict(scan, evidence, judged.decision, explanation, far),
             placement=placement,
             area=area,
             measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
-            expect=lambda: cut(press_context.predict(page, placement), area),
-            stored_arrays=stored
-            | {
-                "wrong_page": np.array(another),
-                "values": values,
-                "page_features": page_features,
-                "widening": np.array(self.widening),
-                "glyphs": np.array(glyphs.score),
-                "floor_mm2": np.array(floor.area_mm2),
-            },
-            state=partial(print_state, analysis, press_context.sensors, far or dict),
+            expect=lambda: cut(detector.press_context.predict(prepared.page, placement), area),
+            stored_arrays=self._stored_arrays(evidence),
+            state=partial(print_state, analysis, detector.press_context.sensors, far or dict),
             variation=partial(page_variation, prepared, analysis),
-            summary=None if another else self._summary(values, score, decision),
+            summary=None
+            if evidence.another
+            else self._summary(evidence.values, evidence.score, judged.decision),
         )
+
+    @property
+    def _explainer(self) -> Explainer:
+        return Explainer(
+            prepared=self.prepared_page,
+            inks=self.inks,
+            model=self.model,
+            calibrated=self.detector.calibrated,
+            sensors=self.detector.press_context.sensors,
+            zones=self.zones,
+            judge=self.judge,
+        )
+
+    def _evidence(self, scan: Scan) -> Evidence:
+        analysis, statistics, score = self._analysed(scan)
+        another = shows_another(analysis.registration)
+        return Evidence(
+            analysis=analysis,
+            score=score,
+            strongest=self.model.strongest(statistics, self.prepared_page.page_features, most=STRONGEST),
+            values=self.model.vector_of(statistics),
+            careful=self._careful(analysis),
+            another=another,
+            glyphs=NOTHING if another else analysis.glyphs,
+            floor=NO_FLOOR if another else analysis.marks.floor,
+        )
+
+    def _judged(self, evidence: Evidence) -> Judged:
+        """Return the decision on a page, by the ranking of its statistics, its zones, its glyphs and the floor."""
+        calibrated, others = self.detector.calibrated, (evidence.glyphs.score, evidence.floor.area_mm2)
+        if self.judge is None:
+            decision, of_ranking = calibrated.decide(evidence.score, *others), evidence.score
+        else:
+            in_zones = self.judge.decide(calibrated, evidence.score, values_of(evidence.careful))
+            decision, of_ranking = calibrated.decided(in_zones, *others), in_zones.score
+        return Judged(decision=decision, by_ranking=of_ranking > calibrated.threshold)
+
+    def _verdict(
+        self,
+        scan: Scan,
+        evidence: Evidence,
+        decision: Decision,
+        explanation: dict[str, Any],
+        far: FarAmounts | None,
+    ) -> Verdict:
+        """Return the verdict of a decision, or that the page was not inspected and why."""
+        analysis, registration = evidence.analysis, evidence.analysis.registration
+        page, calibrated = self.prepared_page.page, self.detector.calibrated
+        unknown_place = scan.lost is not None and not (evidence.another or registration.located)
+        if analysis.blind_columns and not decision.misprint:
+            columns = ", ".join(map(str, analysis.blind_columns))
+            return Verdict.skipped(page.name, BLIND.format(columns), detector=calibrated.name)
+        if decision.misprint and unknown_place:
+            return Verdict.skipped(page.name, UNPLACED, detector=calibrated.name)
+        if registration.unplaced:
+            return Verdict.skipped(page.name, unplaced_reason(registration), detector=calibrated.name)
+        of_glyphs = explanation.get("kind") in KINDS
+        return Verdict.from_decision(
+            page.name,
+            decision,
+            costs=self.detector.press_context.costs,
+            shift_mm=shift_of(registration),
+            detector=calibrated.name,
+            family=FAMILY if of_glyphs else evidence.strongest[0][0] if evidence.strongest else None,
+            inks=measured_inks(analysis, self.inks, far),
+            widened=round(self.widening, 2),
+            **explanation,
+        )
+
+    def _stored_arrays(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+        """Return what ``decided_again`` needs."""
+        careful: Mapping[str, NDArray[Any]] = {}
+        if self.judge is not None:
+            careful = self.judge.stored_arrays(values_of(evidence.careful))
+        elif evidence.careful:
+            careful = {"careful": values_of(evidence.careful)}
+        return {
+            **careful,
+            "wrong_page": np.array(evidence.another),
+            "values": evidence.values,
+            "page_features": self.prepared_page.page_features,
+            "widening": np.array(self.widening),
+            "glyphs": np.array(evidence.glyphs.score),
+            "floor_mm2": np.array(evidence.floor.area_mm2),
+        }
 
     def _summary(
         self, values: NDArray[np.float32], score: float, decision: Decision
@@ -399,130 +415,6 @@ class MatchedFilterPage:
             return []
         return careful_statistics(analysis.sums, self.detector.calibrated.model.scatter, analysis.careful)
 
-    def _explained(
-        self,
-        analysis: ScanAnalysis,
-        strongest: list[tuple[str, Observed]],
-        values: NDArray[np.float32],
-        careful: list[Observed],
-        far: FarAmounts | None,
-    ) -> dict[str, Any]:
-        """Return kind, places and reason of a misprint; of one with a plane out of register, that."""
-        model, another = self.model, shows_another(analysis.registration)
-        alarmed = self.judge is not None and self.judge.careful_alarms(
-            self.detector.calibrated, values_of(careful)
-        )
-        if self.judge is not None and alarmed and not another:
-            return self._careful_explanation(analysis, self.judge.greatest(careful))
-        learned = model.kinds_of(values[None], self.prepared_page.page_features[None])[0]
-        kind = (
-            WRONG_PAGE_KIND
-            if another
-            else supported(learned or named(strongest), analysis.registration, self.inks)
-        )
-        inks, distinct = (
-            measured_inks(analysis, self.inks, far),
-            distinct_inks(self.detector.press_context.sensors),
-        )
-        ink = ""
-        if far is not None and far.displaced.any():
-            kind, ink = "plane-register", far.displaced_ink
-        regions = self._regions(strongest, kind, analysis, inks, ink=ink)
-        speaking = next(
-            (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
-        )
-        place = regions[0] if regions else None
-        only_parts = kind == WRONG_PAGE_KIND and not another
-        reason = reason_for(
-            kind, speaking, place, inks, analysis.registration, distinct={*distinct, ink}, ink=ink
-        )
-        reason = PARTS if only_parts else reason
-        return {"kind": kind, "regions": regions, "reason": reason}
-
-    def _careful_explanation(self, analysis: ScanAnalysis, greatest: Observed) -> dict[str, Any]:
-        """Return kind, places and reason of a misprint in a careful area.
-
-        greatest: the area's greatest statistic, with its deviation.
-        """
-        kind, strongest = kind_of(greatest.statistic), [(greatest.statistic.cause, greatest)]
-        inks = measured_inks(analysis, self.inks)
-        regions = self._regions(strongest, kind, analysis, inks, careful=True)
-        place = regions[0] if regions else None
-        distinct = distinct_inks(self.detector.press_context.sensors)
-        reason = reason_for(kind, greatest, place, inks, analysis.registration, distinct=distinct)
-        zone = None
-        if place is not None and self.zones is not None:
-            middle = place.x_mm + place.width_mm / 2, place.y_mm + place.height_mm / 2
-            zone = self.zones.at(*middle)
-        name = f" '{zone.name}'" if zone is not None and zone.kind == "careful" else ""
-        return {"kind": kind, "regions": regions, "reason": f"{reason}, in the careful zone{name}"}
-
-    def _regions(
-        self,
-        strongest: list[tuple[str, Observed]],
-        kind: str,
-        analysis: ScanAnalysis,
-        inks: dict[str, Ink],
-        *,
-        careful: bool = False,
-        ink: str = "",
-    ) -> tuple[Region, ...]:
-        """Return places, those of the verdict's kind first; a wrong page is wrong as a whole.
-
-        ink: letter of the ink that is off there; empty: its amount is looked for.
-
-        careful: the values are deviations of a careful area, of which the model does not know what good pages show.
-        """
-        if kind == WRONG_PAGE_KIND:
-            return self._places(kind, strongest, [], analysis)
-        places, kinds = _ordered(strongest, kind)
-        sums, fit = analysis.sums, analysis.fit
-        if kind in MODES_OF_EXTENT and not careful:
-            box_of: Callable[[Extent], Box] = attrgetter("box")
-            if kind == "streak":
-                box_of = partial(self._streak_box, analysis)
-            places, kinds = extended(kind, places, sums, fit.gain, box_of=box_of), [kind] * len(places)
-        distinct = distinct_inks(self.detector.press_context.sensors)
-
-        def measured(statistic: Observed) -> dict[str, Any]:
-            features = self.prepared_page.page_features
-            above_good_sd = None if careful else self.model.above_good(statistic, features)
-            if ink:
-                return {"ink": ink, "above_good_sd": above_good_sd}
-            placed = analysis.placed()
-            shape = placed.where.inside.shape
-            rows, columns = sums.cells_of(statistic.box, shape, (sums.pixel_mm, sums.pixel_mm))
-            added = self.prepared_page.added
-            amount = amount_in(kind, rows, columns, placed, added, fit, distinct=distinct, inks=inks)
-            return asdict(amount) | {"above_good_sd": above_good_sd}
-
-        return self._places(kind, places, kinds, analysis, measured)
-
-    def _streak_box(self, analysis: ScanAnalysis, streak: Extent) -> Box:
-        """Return the place of a streak, about its middle to a fraction of a pixel."""
-        sums, where = analysis.sums, analysis.placed().where
-        sensors = self.prepared_page.binned_sensors
-        centre = streak_centre(column_evidence(streak, sums), where, sensors, sums.pixel_mm)
-        _, top, width, height = streak.box
-        x = sums.left_mm + (centre + 0.5) * sums.pixel_mm + _shift_mm(analysis.registration)[0]
-        return x - width / 2, top, width, height
-
-    def _places(
-        self,
-        kind: str,
-        places: list[tuple[str, Observed]],
-        kinds: list[str],
-        analysis: ScanAnalysis,
-        measured: Callable[[Observed], dict[str, Any]] = lambda _: {},
-    ) -> tuple[Region, ...]:
-        """Return the places of statistics on the page; a wrong page is wrong as a whole."""
-        page = self.prepared_page.page
-        size_mm = page.width_mm, page.height_mm
-        if kind == WRONG_PAGE_KIND:  # no place is more specific than another
-            return (whole_page(size_mm, places[0][1], kind),) if places else ()
-        shift_mm = _shift_mm(analysis.registration)
-        return regions_of(places, kinds, shift_mm=shift_mm, size_mm=size_mm, measured=measured)
-
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""
         sums, light = analysis.sums, MODES.index("light")
@@ -534,20 +426,6 @@ class MatchedFilterPage:
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
-
-
-def _shift_mm(registration: Registration) -> tuple[float, float]:
-    """Return by how much places on a scan are right of and below those on its page."""
-    return registration.placement.shift_mm if registration.located else (0.0, 0.0)
-
-
-def _ordered(
-    strongest: list[tuple[str, Observed]], kind: str
-) -> tuple[list[tuple[str, Observed]], list[str]]:
-    """Return statistics with the kinds that they indicate, those of a kind first; unspecific ones are of it."""
-    kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
-    order = sorted(range(len(kinds)), key=lambda at: kinds[at] != kind)
-    return [strongest[at] for at in order], [kinds[at] for at in order]
 
 
 def summary_of(
@@ -595,6 +473,6 @@ def engine_of(device: Device) -> Engine:
     """Return what computes the images of a scan; CUDA is loaded when a card is asked for."""
     if device == "cpu":
         return HostImages
-    from prooflight.detectors.matched_filter.card_images import card_engine
+    from prooflight.detectors.matched_filter.card.images import card_engine
 
     return card_engine()

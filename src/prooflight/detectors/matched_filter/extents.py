@@ -50,9 +50,9 @@ OF_THE_PAGE: Final = ("missing-plane",)
 WIDER_MM: Final = (0.0, 5.0, 20.0)
 """Margins of places at which a rectangle begins: from within one line of a ghost's text no other would be reached."""
 OF_LIGHT: Final = ("light", "void")
-"""Modes that paper and lamp have as well ..."""
+"""Modes that paper and lamp have as well."""
 CLOUDS: Final = 3.0
-"""... and least amount of them in a defect. [standard deviations of good prints]"""
+"""Least amount of these modes in a defect. [standard deviations of good prints]"""
 SLACK: Final = 0.01
 """Share of its evidence that either end of a rectangle may lack. assumed"""
 ROUNDS: Final = 12
@@ -68,7 +68,7 @@ class Extent:
     box: Box
     """x, y, width, height; on the scan, as the boxes of statistics. [mm]"""
     amount: float
-    """Of the mode, by least squares over the rectangle. [-]"""
+    """Amount of the mode, by least squares over the rectangle. [-]"""
     likelihood: float
     """Logarithm of the likelihood ratio to a page without defect."""
 

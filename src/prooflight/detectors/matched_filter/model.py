@@ -115,9 +115,9 @@ class DetectorModel:
     sd: NDArray[np.float64]
     """(statistics,) standard deviation of good pages about the baseline."""
     shift: NDArray[np.float64]
-    """(statistics,) offset of this press's good pages from those of the baseline, in their ``sd`` ..."""
+    """(statistics,) offset of this press's good pages from those of the baseline, in their ``sd``."""
     scale: NDArray[np.float64]
-    """... and the ratio of their scatter to it; ``commissioning.training.adapting``."""
+    """Ratio of the scatter of this press's good pages to that of the baseline; ``commissioning.training.adapting``."""
     quantiles: NDArray[np.float64]
     """(families, n) quantiles of the family's greatest deviation on good pages, at equidistant probabilities
     0 to ``tail_from``."""

@@ -28,9 +28,9 @@ MARK: Final = "mark/"
 """First word of the families of small windows by class of place (``statistics.marks``)."""
 ADDED_FROM, ADDED_SLOPE = 2.0, 2.0
 """The evidence e of the strongest family, -log10 p after Bonferroni (``strongest_alone``), adds
-``ADDED_SLOPE`` x (e - ``ADDED_FROM``) to the forests' log odds ..."""
+``ADDED_SLOPE`` x (e - ``ADDED_FROM``) to the forests' log odds."""
 ALONE_FROM, ALONE_SLOPE = 3.0, 6.0
-"""... and a page scores at least ``ALONE_SLOPE`` x (e - ``ALONE_FROM``), whatever the forests' log odds.
+"""A page scores at least ``ALONE_SLOPE`` x (e - ``ALONE_FROM``), whatever the forests' log odds.
 (both chosen on the ranking's own folds, seed 31)"""
 RANKS: Final = (0, 2, 5, 10, 20, 40)
 """Ranks of the sorted evidence of families that the forest uses in addition to each family's."""

@@ -1,6 +1,6 @@
 """Images of one scan from its prediction to its residuals: the steps of its analysis that go over all pixels.
 
-``HostImages`` computes them on the processor, ``card_images`` on a graphics card; ``analysis`` decides their order.
+``HostImages`` computes them on the processor, ``card.images`` on a graphics card; ``analysis`` decides their order.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ class DesignImages:
     sensors: tuple[SensorModel, ...]
     geometry: ScanGeometry
     camera_sensors: tuple[SensorModel, ...]
-    """In the camera's own pixels ..."""
+    """Sensors in the camera's own pixels."""
     camera_geometry: ScanGeometry
-    """... as this."""
+    """Geometry in the camera's own pixels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

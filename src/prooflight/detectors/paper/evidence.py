@@ -37,9 +37,9 @@ negligible."""
 NOISE_SIZE = 1 << 14
 """Size of the table of random numbers; each line starts at a position of its own."""
 SHARP_SIGMA_DN = 4.0
-"""Sigma below which the dither's distribution needs more than two terms, ..."""
+"""Sigma below which the dither's distribution needs more than two terms."""
 UNSURE_SIGMA_DN = math.sqrt(1 + ROUNDING_VARIANCE_DN2)
-"""... and below which, 1 DN before rounding, it needs more than four:
+"""Sigma below which, 1 DN before rounding, it needs more than four:
 tests/detectors/paper/test_kernels.py."""
 
 

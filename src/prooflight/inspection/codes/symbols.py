@@ -28,7 +28,7 @@ class Symbol:
     """Code that was read from a picture."""
 
     symbology: str
-    """Name of the symbology: QR Code, Code 128, EAN-13, ..."""
+    """Name of the symbology, such as QR Code, Code 128 or EAN-13."""
     text: str
     corners: tuple[tuple[float, float], ...]
     """Four corners (x, y) in the code's own order: top left, top right, bottom right, bottom left. [pixel]"""

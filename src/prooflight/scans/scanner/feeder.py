@@ -22,7 +22,7 @@ class FeederPrior:
     stretch_percent: Annotated[float, Field(strict=True, ge=0, le=3)]
     """Elongation of the sheet, across and along: rollers slip."""
     back: FeederPrior | None = None
-    """Of back sides, where the device scans both sides at once, the back further along the path; None: as fronts."""
+    """Prior of back sides, where the device scans both at once, the back further along the path; None: as fronts."""
 
     def __post_init__(self) -> None:
         """Refuse a back of a back, which no sheet has."""

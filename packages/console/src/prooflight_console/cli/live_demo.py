@@ -19,12 +19,13 @@ JOB, PRESS, JOURNAL = "sample-job.pdf", "two-sensors.press", "console.sqlite"
 MISPRINTS: Final = "streak:0.9,spots-voids:0.9,missing-content:0.9,ghost-smear:0.9"
 EVERY: Final = 7
 FAULT_EVERY: Final = 60
+PAGES_PER_S: Final = 1.0
 SHEETS: Final = 100_000
 """Number of sheets: a day at one a second."""
 SEED: Final = 1
 
 
-def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float = 1.0) -> None:
+def live_demo(listening: Listening) -> None:
     """Serve the console, create job and press if they do not exist yet, and watch the press print until Ctrl-C.
 
     The console is there from the beginning, and shows how far all that has got.
@@ -44,34 +45,36 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
     start_file = StartFile(journal=journal)
     try:
         _prepare(job, press, start_file)
-        _watch(job, press, sheets=sheets, pages_per_s=pages_per_s)
+        _watch(job, press)
     finally:
         start_file.clear()
         console.terminate()
         console.join()
 
 
-def _watch(job: Path, press: Path, *, sheets: int, pages_per_s: float) -> None:
+def _watch(job: Path, press: Path) -> None:
     from prooflight_line.cli.watch.command import watch
+    from prooflight_line.cli.watch.options import (
+        DrumOptions,
+        InspectionOptions,
+        PaceOptions,
+        RecordOptions,
+        SheetOptions,
+        WatchOptions,
+    )
 
     watch(
-        job,
-        press,
-        f"drum:{pages_per_s:g}",
-        sheets=sheets,
-        detector=None,
-        deadline_ms=2000.0,
-        journal=str(FOLDER / JOURNAL),
-        keep="misprints",
-        trigger=None,
-        camera=None,
-        threads=None,
-        start_at_once=True,
-        misprint=MISPRINTS,
-        every=EVERY,
-        fault_every=FAULT_EVERY,
-        profile=None,
-        seed=SEED,
+        WatchOptions(
+            job=job,
+            press=press,
+            source=f"drum:{PAGES_PER_S:g}",
+            repeats=SheetOptions(sheets=SHEETS),
+            inspection=InspectionOptions(deadline_ms=2000.0),
+            record=RecordOptions(journal=str(FOLDER / JOURNAL)),
+            pace=PaceOptions(start_at_once=True),
+            drum=DrumOptions(misprint=MISPRINTS, every=EVERY, fault_every=FAULT_EVERY),
+            seed=SEED,
+        )
     )
 
 

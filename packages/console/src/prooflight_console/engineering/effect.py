@@ -75,13 +75,13 @@ class Effect:
     more: int
     """Sheets that passed and would alarm, but for those labelled misprints."""
     fewer: int
-    """Alarms that would go ..."""
+    """Number of alarms that would go."""
     fewer_good: int
-    """... and those of them labelled good."""
+    """Number of alarms that would go and are labelled good."""
     misprints: int
-    """Sheets labelled misprints ..."""
+    """Number of sheets that are labelled misprints."""
     missed: int
-    """... and those of them that would pass."""
+    """Number of sheets that are labelled misprints and would pass."""
     cost_cents: float
     """Cost of the alarms not labelled misprints, and of the labelled misprints that pass, by the press's costs.
 
@@ -90,9 +90,9 @@ class Effect:
     cost_cents_before: float = 0.0
     """The same of what was done, by the costs of the version."""
     accepted_before: int = 0
-    """Alarms that were accepted because stopping costs more ..."""
+    """Number of alarms that were accepted because stopping costs more."""
     accepted: int = 0
-    """... and those that would be."""
+    """Number of alarms that would be accepted for this reason."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

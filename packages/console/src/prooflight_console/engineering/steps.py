@@ -57,10 +57,10 @@ class StepRequest:
     scans: Path | None = None
     """Recorded scans of the job's good pages, for ``learn``."""
     press_file: Path | None = None
-    """For ``build``."""
+    """File from which ``build`` makes the press."""
     false_alarm_cents: float | None = None
     missed_misprint_cents: float | None = None
-    """For ``costs``."""
+    """Cost that ``costs`` sets."""
     digests: frozenset[str] = field(default_factory=frozenset)
     """Digests of all versions of the press, whose runs are looked at."""
 

@@ -44,7 +44,7 @@ SELECTED: Final[dict[Show, Callable[[LabelledIncident], bool]]] = {
     "shelved": lambda one: one.shelved,
     "all": lambda _: True,
 }
-"""Which alarms each list shows."""
+"""Conditions by which each list shows an alarm."""
 
 
 @router.get("/alarms")

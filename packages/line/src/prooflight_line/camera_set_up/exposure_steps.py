@@ -16,6 +16,8 @@ from prooflight_line.camera_set_up.bench import StepResult
 from prooflight_line.camera_set_up.seen import smoothed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from prooflight.camera.sensor import LineSensor
@@ -37,6 +39,16 @@ DARK_MOST: Final = 0.2
 """Greatest level of a dark exposure, as a share of the top code."""
 EVEN_LEAST: Final = 0.7
 """Least light over the greatest along the line. assumed: prediction follows columns, noise does not."""
+
+QUANTITIES: Final = {
+    "conversion_gain_uv_per_e": ("conversion gain", "uV/e-"),
+    "read_noise_e": ("read noise", "e-"),
+    "dark_current_e_per_s": ("dark current", "e-/s"),
+    "dsnu_e": ("DSNU", "e-"),
+    "prnu_percent": ("PRNU", "%"),
+    "black_level_dn": ("black level", "DN"),
+}
+"""Fields of a sensor's block that flat exposures measure, with their names for people and their units."""
 
 
 def dark(bench: Bench) -> StepResult:
@@ -100,47 +112,20 @@ def flat(bench: Bench) -> StepResult:
     flats, at_work = _timed_flats(bench) if timed else (_lit_flats(bench), 0.0)
     if timed:
         line_reader.set("exposure_us", at_work)
-    camera = bench.camera()
-    remarks, values, edits = [], {}, list[Edit]()
-    for at, sensor in enumerate(camera.sensors):
+    remarks, values, edits = list[str](), dict[str, Measured](), list[Edit]()
+    columns = []
+    for at, sensor in enumerate(bench.camera().sensors):
         block = _characterised(bench, sensor, at, [one[at] for one in flats], at_work)
-        if at == 0:
-            bench.columns = []
-        bench.columns.append((block.transfer.offset_dn, block.transfer.column_gain))
-        name = bench.sensor_name(at)
-        fields, errors = block.fields, block.standard_errors
-        quantities = (
-            ("conversion_gain_uv_per_e", "conversion gain", "uV/e-"),
-            ("read_noise_e", "read noise", "e-"),
-            ("dark_current_e_per_s", "dark current", "e-/s"),
-            ("dsnu_e", "DSNU", "e-"),
-            ("prnu_percent", "PRNU", "%"),
-            ("black_level_dn", "black level", "DN"),
-        )
-        parts = []
-        for key, label, unit in quantities:
-            error = errors.get(key, 0.0)
-            values[f"{key}.{at + 1}"] = Measured(value=fields[key], standard_error=error)
-            parts.append(f"{label} {fields[key]:.4g} +- {error:.2g} {unit}")
+        columns.append((block.transfer.offset_dn, block.transfer.column_gain))
+        remarks += _remarks(bench.sensor_name(at), block)
+        for key in QUANTITIES:
+            value, error = block.fields[key], block.standard_errors.get(key, 0.0)
+            values[f"{key}.{at + 1}"] = Measured(value=value, standard_error=error)
             if error:
-                edits.append(
-                    Edit(
-                        block="sensor",
-                        field=key,
-                        value=fields[key],
-                        why=f"measured: +- {error:.2g}",
-                        number=at,
-                    )
-                )
-        remarks.append(name + ", ".join(parts))
-        remarks += [
-            f"{name}{note}" for note in block.notes if not note.startswith("saturation was not reached")
-        ]
-    light = [
-        smoothed(flats[-1][at].column_mean_dn - next(iter(bench.dark.values()))[at].mean_dn)
-        for at in range(line_reader.sensors)
-    ]
-    flatness = min(float(one.min() / max(one.max(), 1e-9)) for one in light)
+                why = f"measured: +- {error:.2g}"
+                edits.append(Edit(block="sensor", field=key, value=value, why=why, number=at))
+    bench.columns = columns
+    flatness = _flatness(bench, flats[-1])
     good = flatness >= EVEN_LEAST
     remarks.append(
         f"light along the line: least {100 * flatness:.0f} % of the greatest"
@@ -148,14 +133,8 @@ def flat(bench: Bench) -> StepResult:
     )
     values["flatness"] = Measured(value=flatness, standard_error=0.0)
     if timed:
-        edits.append(
-            Edit(
-                block="camera",
-                field="exposure_us",
-                value=round(at_work, 2),
-                why="measured: light at 80 % of full",
-            )
-        )
+        why = "measured: light at 80 % of full"
+        edits.append(Edit(block="camera", field="exposure_us", value=round(at_work, 2), why=why))
         remarks.append(f"exposure at work {at_work:.4g} us: the brightest column at {100 * AT_WORK:.0f} %")
     return StepResult(
         good=good,
@@ -164,6 +143,25 @@ def flat(bench: Bench) -> StepResult:
         values=values,
         unmeasured=("quantum efficiency, fill factor, voltage swing: from a data sheet",),
     )
+
+
+def _remarks(name: str, block: SensorBlock) -> list[str]:
+    """Return what is said to a person of one sensor, whose name begins each line."""
+    parts = [
+        f"{label} {block.fields[key]:.4g} +- {block.standard_errors.get(key, 0.0):.2g} {unit}"
+        for key, (label, unit) in QUANTITIES.items()
+    ]
+    notes = [note for note in block.notes if not note.startswith("saturation was not reached")]
+    return [name + ", ".join(parts), *(name + note for note in notes)]
+
+
+def _flatness(bench: Bench, brightest: Sequence[Exposure]) -> float:
+    """Return the least light along the line over the greatest, of the sensor that is lit least evenly."""
+    dark = next(iter(bench.dark.values()))
+    light = [
+        smoothed(brightest[at].column_mean_dn - dark[at].mean_dn) for at in range(bench.line_reader.sensors)
+    ]
+    return min(float(one.min() / max(one.max(), 1e-9)) for one in light)
 
 
 def _characterised(

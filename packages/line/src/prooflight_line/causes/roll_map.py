@@ -33,7 +33,7 @@ class Stretch:
     """Place on the web, from the first line of the run's first sheet."""
     to_m: float
     left_mm: float
-    """From the page's left edge; the whole width where no place is known: from 0 to 0."""
+    """Distance from the page's left edge; a place that is not known is the whole width, from 0 to 0."""
     right_mm: float
     sheet: int
     verdict: str

@@ -41,9 +41,9 @@ class Trend:
     """First sheet after a step; first sheet of the run for a drift."""
     last_sheet: int
     beyond: tuple[int, ...]
-    """Sheets from then on that are beyond the channel's tolerance ..."""
+    """Sheets from then on that are beyond the channel's tolerance."""
     near: tuple[int, ...]
-    """... and beyond half of it."""
+    """Sheets from then on that are beyond half of the tolerance."""
     change: float
     """Height of a step, or change over the run, in the channel's own unit."""
     sd: float
@@ -52,7 +52,7 @@ class Trend:
     """Change over its standard deviation."""
 
 
-def trends_of(records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_ALARM_RATE) -> list[Trend]:
+def trends_of(records: Sequence[PageRecord]) -> list[Trend]:
     """Return the channels that drifted or stepped, the largest change in tolerances first.
 
     A line and every step are fitted by least squares; the one with the greater z counts, if z is above the
@@ -66,7 +66,7 @@ def trends_of(records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_
             continue
         sheets, values = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
         fits = len(INK_CHANNELS) * len(rows)
-        limit = -float(special.ndtri(false_alarm_rate / (2 * fits)))
+        limit = -float(special.ndtri(FALSE_ALARM_RATE / (2 * fits)))
         trend = _trend(channel, sheets, values)
         if abs(trend.z) > limit and abs(trend.change) > LEAST_SHARE * channel.tolerance:
             trends.append(trend)

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from sqlalchemy import Engine
 
 _log = logging.getLogger(__name__)
-_SAME_RUN = ("job_digest", "press_digest", "detector")
 
 
 class Journal(JournalReader):
@@ -132,15 +131,6 @@ class Journal(JournalReader):
         self._queue.begin(run_id, facts)
         self.commit()
         return run_id
-
-    def unfinished_run(self, facts: RunFacts) -> int | None:
-        """Return the latest run to continue, if it has no end and is of the same job, press and detector."""
-        last_id = self._last_run_id()
-        if last_id is None:
-            return None
-        last = self.run(last_id)
-        same = all(getattr(last.facts, name) == getattr(facts, name) for name in _SAME_RUN)
-        return last.id if last.end is None and same else None
 
     def record(self, run_id: int, page: PageRecord) -> None:
         """Queue one page; never waits for the disk. A sheet recorded again replaces the earlier record."""

@@ -86,7 +86,7 @@ class Label:
     at_s: float
     """Unix time. [s]"""
     upto: int | None = None
-    """For an incident: the last of its sheets that the person saw; None: all of them."""
+    """The last sheet of an incident that the person saw; None: all of them."""
     undoes: int | None = None
     """Number of the label that this one undoes."""
 
@@ -354,7 +354,7 @@ class Labels:
     """
 
     def __init__(self, labels: Sequence[Label]) -> None:
-        """words: all labels of the run, in order."""
+        """Choose the labels in force. labels: all labels of the run, in order."""
         self._of_sheets: dict[int, Label] = {}
         self._of_incidents: dict[int, list[Label]] = {}
         for label in standing(labels):

@@ -34,7 +34,7 @@ class RunFacts:
     """``Press.digest``: with the evidence, this press reproduces every verdict."""
     detector: str
     source: str
-    """Source of the lines: drum:5, replay:scans/, ..."""
+    """Source of the lines, such as drum:5 or replay:scans/."""
     started_s: float
     """Unix time. [s]"""
     sheets: int | None = None

@@ -84,7 +84,7 @@ class Rules:
 
     of_all: Days
     of_customer: Mapping[str, Days]
-    """By the customer's name, folded as ``folded``."""
+    """Days by the customer's name, folded as ``folded``."""
 
     @classmethod
     def read(cls, path: Path) -> Self:

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideFile:
-    """One such file, which is there as a whole or not at all."""
+    """A file beside a journal, which is there as a whole or not at all."""
 
     path: Path
     most_bytes: int = 10_000
-    """What is longer is not read to its end, and so is no JSON."""
+    """Greatest size that is read; a longer file is cut there, and so is no JSON."""
 
     @classmethod
     def of(cls, journal: Path, suffix: str, *, most_bytes: int = 10_000) -> Self:

@@ -207,9 +207,9 @@ class Replayed:
     alarms: int
     """Number of alarms that it gave."""
     gone: tuple[int, ...]
-    """Sheets whose alarm would be withdrawn ..."""
+    """Sheets whose alarm would be withdrawn."""
     gone_told: Mapping[str, int]
-    """... and their number by label: good, misprint, unknown, or "" for none."""
+    """Number of these sheets by label: good, misprint, unknown, or "" for none."""
     come: tuple[int, ...]
     """Sheets that passed and would alarm."""
 

@@ -104,11 +104,11 @@ class Status:
     ahead: int
     """Number of designs that are ready."""
     to_prepare: int
-    """Number of designs that are prepared before the first line is read, if memory holds them ..."""
+    """Number of designs that are prepared before the first line is read, if memory holds them."""
     to_rehearse: int
-    """... and of inspections then that warm the machine up ..."""
+    """Number of inspections after these that warm the machine up."""
     rehearsed: int
-    """... of which so many are done."""
+    """Number of inspections of ``to_rehearse`` that are done."""
     journalled: int
     """Number of pages that are durable."""
     pages_per_s: float

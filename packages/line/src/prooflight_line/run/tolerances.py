@@ -49,9 +49,9 @@ class Proposal:
     up_to_score: float
     """Greatest score of the place among them: anything weaker would pass. [standard deviations]"""
     misprints_lost: int
-    """Sheets labelled as a misprint of this kind at this place that it would have let pass ..."""
+    """Number of sheets labelled as a misprint of this kind at this place that it would have let pass."""
     misprints_kept: int
-    """... and those that are stronger, or lie elsewhere on the sheet too."""
+    """Number of such sheets whose defects are stronger, or lie elsewhere on the sheet too."""
     untold: int
     """Unlabelled alarms of this kind at this place that would pass too."""
 

@@ -40,9 +40,9 @@ FLAT_SIGMAS: Final = 2.0
 LEAST_FLAT: Final = 500
 """Minimum number of flat squares."""
 PLAIN: Final = 0.02
-"""Variance of a halftone, as a share of the noise's, up to which a square is used to measure noise ..."""
+"""Variance of a halftone, as a share of the noise's, up to which a square is used to measure noise."""
 LEAST_PLAIN: Final = 0.05
-"""... or the share of all squares, the plainest, that are used where fewer are so plain. [-]"""
+"""Share of all squares, the plainest, that are used where fewer are so plain. [-]"""
 NOISE_FACTORS: Final = (0.4, 2.6)
 """Bounds of true over stated variance: sigma is wrong by a factor of 0.67 to 1.5 (worlds.toml), plus a
 margin."""

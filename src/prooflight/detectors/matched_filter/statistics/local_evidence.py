@@ -188,53 +188,17 @@ def summed(
     row_beats : see ``Sums``.
     threads : number of threads that share the work.
     """
-    left = left.copy()
-    side = tile_side(geometry)
-    modes, where, sensors = scan.modes, scan.where, scan.sensors
-    lines, pixels = where.inside.shape
+    modes, sensors, side = scan.modes, scan.sensors, tile_side(geometry)
     which = np.array([MODES.index(name) for name in analysed_modes])
-    which_lines = which[which < len(LINE_MODES)]
-    tiles = unset((4, which.size + 1, lines // side, pixels // side))
-    columns = np.zeros((2, 4, which_lines.size, SEGMENTS, pixels), np.float32)
-    shift = -np.rint(where.slant()).astype(np.int64)
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
-    add = (
-        modes.gain if modes.add is None else modes.add
-    )  # without added inks it is unused, but needs the right shape
-    images = ResidualImages(left, weight, light, white, add, modes.gain, of_edges)
-    gains = np.empty((len(sensors), pixels), np.float32)
-    segment, least = segment_lines(lines), np.array(EDGE_CLASSES, np.float32)
-
-    def down(first: int, last: int) -> None:
-        for index in range(len(sensors)):
-            own = ResidualImages._make(image[index] for image in images)
-            line_sums(own, least, shift, segment, which_lines, first, last, columns)
-
-    def gained(index: int, first: int, last: int) -> None:
-        prior_information = np.float32(1 / prior.column**2)
-        column_gains(left[index], weight[index], light[index], prior_information, first, last, gains[index])
-
-    def taken(index: int, first: int, last: int) -> None:
-        take_columns(left[index], weight[index], light[index], gains[index], first, last)
-
-    every = range(len(sensors))
-    tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
-    tasks += [partial(gained, index, *part) for index in every for part in parts_of(pixels, threads)]
-    shared_out(tasks, threads=threads)
+    # Without added inks their images are unused, but need the right shape.
+    add = modes.gain if modes.add is None else modes.add
+    images = ResidualImages(left.copy(), weight, light, white, add, modes.gain, of_edges)
+    columns, gains = _column_sums(scan, images, which, prior, threads)
     gains = own_gains(gains, geometry)
-    tasks = [partial(taken, index, *part) for index in every for part in parts_of(lines, threads)]
-    shared_out(tasks, threads=threads)
-    shifts = np.zeros((INKS, 4))
-
-    def shifted() -> None:
-        shifts[:] = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
-
-    tasks = [partial(shifted)] if analysed_modes == MODES else []
-    tasks += [
-        partial(tile_sums, images, side, which, *part, tiles) for part in parts_of(lines // side, 2 * threads)
-    ]
-    shared_out(tasks, threads=threads)
-    size = (pixels // side, lines // side)
+    _take_gains(images, gains, threads)
+    tiles, shifts = _tile_sums(images, side, which, geometry.pixel_pitch_mm, threads)
+    size = tiles.shape[3], tiles.shape[2]
     cover = np.stack(
         [
             cv2.resize(c[: size[1] * side, : size[0] * side], size, interpolation=cv2.INTER_AREA)
@@ -253,6 +217,71 @@ def summed(
         modes=analysed_modes,
         row_beats=row_beats,
     )
+
+
+def _column_sums(
+    scan: PlacedScan, images: ResidualImages, which: NDArray[np.intp], prior: PrintPrior, threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the sums along the columns, as ``sums_from`` takes them, and the gains (sensors, pixels) of columns.
+
+    which: modes that are summed up, by their places in ``MODES``.
+    """
+    sensors, lines, pixels = images.residual.shape
+    modes = which[which < len(LINE_MODES)]
+    columns = np.zeros((2, 4, modes.size, SEGMENTS, pixels), np.float32)
+    shift = -np.rint(scan.where.slant()).astype(np.int64)
+    segment, least = segment_lines(lines), np.array(EDGE_CLASSES, np.float32)
+    gains, information = np.empty((sensors, pixels), np.float32), np.float32(1 / prior.column**2)
+
+    def down(first: int, last: int) -> None:
+        for index in range(sensors):
+            own = ResidualImages._make(image[index] for image in images)
+            line_sums(own, least, shift, segment, modes, first, last, columns)
+
+    def gained(index: int, first: int, last: int) -> None:
+        of_sensor = images.residual[index], images.weight[index], images.light[index]
+        column_gains(*of_sensor, information, first, last, gains[index])
+
+    tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
+    tasks += [partial(gained, index, *part) for index in range(sensors) for part in parts_of(pixels, threads)]
+    shared_out(tasks, threads=threads)
+    return columns, gains
+
+
+def _take_gains(images: ResidualImages, gains: NDArray[np.float32], threads: int) -> None:
+    """Remove the gains (sensors, pixels) of single columns from the residuals, in place."""
+    sensors, lines, _ = images.residual.shape
+
+    def taken(index: int, first: int, last: int) -> None:
+        of_sensor = images.residual[index], images.weight[index], images.light[index]
+        take_columns(*of_sensor, gains[index], first, last)
+
+    shared_out(
+        [partial(taken, index, *part) for index in range(sensors) for part in parts_of(lines, threads)],
+        threads=threads,
+    )
+
+
+def _tile_sums(
+    images: ResidualImages, side: int, which: NDArray[np.intp], pixel_mm: float, threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return the sums over tiles of ``side`` pixels, as ``sums_from`` takes them, and the shifts of planes.
+
+    The shifts are measured with all modes only, and are 0 otherwise.
+    """
+    _, lines, pixels = images.residual.shape
+    tiles = unset((4, which.size + 1, lines // side, pixels // side))
+    shifts = np.zeros((INKS, 4))
+
+    def shifted() -> None:
+        shifts[:] = plane_shifts(images.residual, images.weight, images.gain, pixel_mm=pixel_mm)
+
+    tasks = [partial(shifted)] if which.size == len(MODES) else []
+    tasks += [
+        partial(tile_sums, images, side, which, *part, tiles) for part in parts_of(lines // side, 2 * threads)
+    ]
+    shared_out(tasks, threads=threads)
+    return tiles, shifts
 
 
 def tile_side(geometry: ScanGeometry) -> int:

@@ -73,9 +73,9 @@ REACH: Final = 2
 """Distance from a window within which an edge counts as near; half the window's side is added. [pixels]"""
 REFERENCE_WINDOWS: Final = 1e6
 """Number of windows to which the greatest T is normalised; of fewer windows, the greatest is raised by the
-difference that Gaussian theory states ..."""
+difference that Gaussian theory states relative to ``REFERENCE_T``."""
 REFERENCE_T: Final = float(ndtri(1 - 1 / REFERENCE_WINDOWS))
-"""... relative to this value."""
+"""Gaussian quantile of the greatest of ``REFERENCE_WINDOWS`` windows."""
 LIGHTER, DARKER = 0, 1
 """Signs of a deviation, as indices."""
 FLOOR_FLAT: Final = 0.02

@@ -56,9 +56,9 @@ PAGE_WIDE: Final = ("fit", "place", "energy")
 OF_ALL_SORTS: Final = ("ghost", "swap", "energy")
 """Families whose statistics make up one cause."""
 SCREEN_MODES: Final = ("light", "void")
-"""Modes that need none of an ink's own images ..."""
+"""Modes that need none of an ink's own images."""
 SCREEN_FAMILIES: Final = ("box", "spread", "streak", "wave", "slant")
-"""... and families whose statistics depend on one mode each."""
+"""Families whose statistics depend on one mode each."""
 
 
 class Statistic(NamedTuple):
@@ -78,7 +78,7 @@ class Statistic(NamedTuple):
     """Size of boxes and lines [tiles], of marks [binned pixels]; for streaks of ``local_evidence.WIDTHS``;
     for ghosts the index in ``GHOST_BOXES_MM``."""
     part: str = ""
-    """Which of the numbers of one cause, such as a streak's span."""
+    """One of several numbers of one cause, such as a streak's span."""
     reference: Reference = GOOD_PRINTS
 
     @classmethod

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from prooflight_line.job_queue.tickets.ticket import Ticket
 
 WAIT_S: Final = 600.0
-"""As ``pairing.WAIT_S``."""
+"""Value of ``pairing.WAIT_S``."""
 SETTLE_S: Final = 2.0
 """Assumed: a copy over a network pauses for less."""
 AGAIN_S: Final = 10.0

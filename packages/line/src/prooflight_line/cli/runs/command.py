@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TextIO
 
-    from prooflight_line.journal.records import Due, PageRecord, RunRow
+    from prooflight_line.journal.journal import Journal
+    from prooflight_line.journal.records import Due, PageRecord, Retention, RunRow, Tidied
     from prooflight_line.journal.schema import JournalError
+    from prooflight_line.journal.unclaimed import Unclaimed
 
 DAMAGED_SHOWN = 5
 """Number of damaged rows that are named; the rest are counted."""
@@ -123,45 +125,19 @@ def show_run(
     json: Json = False,
 ) -> None:
     """Show one run: its facts, and the pages that a person should examine; --json and --csv print all its pages."""
-    from prooflight_line.journal.exporting import job_warnings, page_facts, write_csv
-    from prooflight_line.journal.labels import LabelStore, run_key
-    from prooflight_line.run.labelled_sheets import sample_of_run
-
     damaged = Damaged()
     with reading(journal) as opened:
         run_row = run_of(opened, run)
-        if sheets and json:
-            sheets_of_run.run_facts(opened, run_row, damaged=damaged.add)
-            damaged.report()
-            return
         if json or csv:
-            pages = opened.pages(run_row.id, damaged=damaged.add)
-            if json:
-                show.print_json([page_facts(page) for page in pages])
+            if sheets and json:
+                sheets_of_run.run_facts(opened, run_row, damaged=damaged.add)
             else:
-                write_csv(pages, sys.stdout)
+                _write_pages(opened.pages(run_row.id, damaged=damaged.add), json=json)
             damaged.report()
             return
-        sampled = sample_of_run(opened, LabelStore(opened.path), run_row)
-        total = 0
-        shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
-        for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
-            total += 1
-            shown.append(page)
+        shown, total = _last_pages(opened.pages(run_row.id, passed=every, damaged=damaged.add), last)
         assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
-        hold = LabelStore(opened.path).on_hold().get(run_key(run_row))
-    show.people.print(_facts_table(run_row))
-    if hold is not None:
-        show.people.print(f"On legal hold since {_local(hold.at_s)}, by {hold.by}: {hold.note}")
-    for line in job_warnings(run_row):
-        show.people.print(f"warning: {line}")
-    if run_row.facts.settings.get("sample") or any(one.label for one in sampled):
-        for line in feedback.sample_lines(run_row, sampled):
-            show.people.print(line)
-        if open_questions := sum(not one.state for one in sampled):
-            show.people.print(
-                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {run_row.id}`"
-            )
+        _print_run(run_row, opened)
     if total:
         show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
     elif not damaged.count:
@@ -177,6 +153,48 @@ def show_run(
     elif sheets:
         show.people.print("The run was watched without --layout: every page is a sheet of its own.")
     damaged.report()
+
+
+def _write_pages(pages: Iterable[PageRecord], *, json: bool) -> None:
+    """Print pages for programs, as JSON or as CSV."""
+    from prooflight_line.journal.exporting import page_facts, write_csv
+
+    if json:
+        show.print_json([page_facts(page) for page in pages])
+    else:
+        write_csv(pages, sys.stdout)
+
+
+def _last_pages(pages: Iterable[PageRecord], last: int) -> tuple[deque[PageRecord], int]:
+    """Return the last pages, and how many there are in all."""
+    total = 0
+    shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
+    for page in pages:
+        total += 1
+        shown.append(page)
+    return shown, total
+
+
+def _print_run(run: RunRow, journal: Journal) -> None:
+    """Print a run's facts, its hold, its warnings and the labels of its sample."""
+    from prooflight_line.journal.exporting import job_warnings
+    from prooflight_line.journal.labels import LabelStore, run_key
+    from prooflight_line.run.labelled_sheets import sample_of_run
+
+    labels = LabelStore(journal.path)
+    sampled, hold = sample_of_run(journal, labels, run), labels.on_hold().get(run_key(run))
+    show.people.print(_facts_table(run))
+    if hold is not None:
+        show.people.print(f"On legal hold since {_local(hold.at_s)}, by {hold.by}: {hold.note}")
+    for line in job_warnings(run):
+        show.people.print(f"warning: {line}")
+    if run.facts.settings.get("sample") or any(one.label for one in sampled):
+        for line in feedback.sample_lines(run, sampled):
+            show.people.print(line)
+        if open_questions := sum(not one.state for one in sampled):
+            show.people.print(
+                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {run.id}`"
+            )
 
 
 @app.command()
@@ -359,16 +377,9 @@ def tidy(
     What goes by its age is listed before it goes.
     """
     from prooflight_line.journal.journal import Journal
-    from prooflight_line.journal.records import Retention
-    from prooflight_line.journal.retention_rules import Rules
     from prooflight_line.plant.gate.log import log_path
 
-    stated = None if rules is None else Rules.read(rules)
-    try:
-        retention = Retention(days=days, megabytes=megabytes, rules=stated)
-    except ValueError as error:
-        remedy = "give days, megabytes or both, or a file of rules alone"
-        raise RequestError("run tidy", str(error), remedy=remedy) from error
+    retention = _retention(days=days, megabytes=megabytes, rules=rules)
     if dry_run:
         if megabytes < float("inf"):
             remedy = "leave --megabytes out: how much evidence it takes shows when it goes"
@@ -383,39 +394,56 @@ def tidy(
         tidied = opened.tidy(retention, now_s=time.time())
         for removed in tidied.runs:
             log_path(opened.path, removed).unlink(missing_ok=True)
-        left, size = opened.runs(damaged=lambda _: None), opened.megabytes
+        runs_left, megabytes_left = len(opened.runs(damaged=lambda _: None)), opened.megabytes
         trouble, aside = opened.health.trouble, opened.unclaimed
     if json:
-        show.print_json(
-            {
-                "removed_runs": tidied.runs,
-                "removed_evidence": tidied.packs,
-                "thinned_evidence": tidied.thinned,
-                "removed_evidence_megabytes": round(tidied.pack_bytes / 1e6, 3),
-                "on_hold": tidied.on_hold,
-                "refused": tidied.refused,
-                "put_aside": aside.moved,
-                "put_aside_megabytes": round(aside.moved_bytes / 1e6, 3),
-                "put_aside_in": str(aside.aside),
-                "taken_back": aside.taken_back,
-                "left_among_evidence": aside.left,
-                "runs": len(left),
-                "megabytes": round(size, 3),
-            }
-        )
+        left = {"runs": runs_left, "megabytes": round(megabytes_left, 3)}
+        show.print_json(_tidied_facts(tidied, aside) | left)
     else:
-        evidence = f"{count(tidied.packs, 'file')} of evidence ({tidied.pack_bytes / 1e6:.1f} MB)"
-        thinned = f", {count(tidied.thinned, 'file')} thinned" if tidied.thinned else ""
-        show.people.print(
-            f"{count(len(tidied.runs), 'run')} and {evidence} removed{thinned}; "
-            f"{count(len(left), 'run')}, {size:.1f} MB left"
-        )
-        if tidied.on_hold:
-            show.people.print(f"On legal hold: run {', '.join(map(str, tidied.on_hold))}")
+        _print_tidied(tidied, left=f"{count(runs_left, 'run')}, {megabytes_left:.1f} MB left")
     for line in (*messages, *tidied.refused):
         faults.report(line)
     if tidied.refused or trouble is not None:
         raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _retention(*, days: float, megabytes: float, rules: Path | None) -> Retention:
+    """Return what is kept; RequestError: the options say nothing, or say it twice."""
+    from prooflight_line.journal.records import Retention
+    from prooflight_line.journal.retention_rules import Rules
+
+    stated = None if rules is None else Rules.read(rules)
+    try:
+        return Retention(days=days, megabytes=megabytes, rules=stated)
+    except ValueError as error:
+        remedy = "give days, megabytes or both, or a file of rules alone"
+        raise RequestError("run tidy", str(error), remedy=remedy) from error
+
+
+def _tidied_facts(tidied: Tidied, aside: Unclaimed) -> dict[str, Any]:
+    """Return what was removed and put aside, for programs."""
+    return {
+        "removed_runs": tidied.runs,
+        "removed_evidence": tidied.packs,
+        "thinned_evidence": tidied.thinned,
+        "removed_evidence_megabytes": round(tidied.pack_bytes / 1e6, 3),
+        "on_hold": tidied.on_hold,
+        "refused": tidied.refused,
+        "put_aside": aside.moved,
+        "put_aside_megabytes": round(aside.moved_bytes / 1e6, 3),
+        "put_aside_in": str(aside.aside),
+        "taken_back": aside.taken_back,
+        "left_among_evidence": aside.left,
+    }
+
+
+def _print_tidied(tidied: Tidied, *, left: str) -> None:
+    """Print what was removed, for people; left: what is left."""
+    evidence = f"{count(tidied.packs, 'file')} of evidence ({tidied.pack_bytes / 1e6:.1f} MB)"
+    thinned = f", {count(tidied.thinned, 'file')} thinned" if tidied.thinned else ""
+    show.people.print(f"{count(len(tidied.runs), 'run')} and {evidence} removed{thinned}; {left}")
+    if tidied.on_hold:
+        show.people.print(f"On legal hold: run {', '.join(map(str, tidied.on_hold))}")
 
 
 def _print_due(every: list[Due], *, json: bool) -> None:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from prooflight_line.cli.watch.options import WatchOptions
+
 POLL_S: Final = 0.25
 """Period at which requests are looked for. [s]"""
 OF_RUNS: Final = (0, EXIT_MISPRINT, NOT_ALL_INSPECTED, OVERLOADED)
@@ -27,16 +29,16 @@ OF_RUNS: Final = (0, EXIT_MISPRINT, NOT_ALL_INSPECTED, OVERLOADED)
 OPTION: Final = "--on-start"
 
 
-def refuse_unfit(*, queue: bool, journal: str | None, resume: bool, serve: bool) -> None:
+def refuse_unfit(options: WatchOptions) -> None:
     """Refuse options beside which nobody could start a job. RequestError."""
-    if not queue:
+    if not options.start.queue:
         raise RequestError(OPTION, "starts jobs of a hot folder", remedy="give --queue and the folder")
-    if journal == "none":
+    if options.record.journal == "none":
         remedy = "leave out --journal none"
         raise RequestError(OPTION, "is asked for next to the journal", remedy=remedy)
-    if resume:
+    if options.start.resume:
         raise RequestError(OPTION, "begins new runs", remedy="leave out --resume, or resume without it")
-    if serve:
+    if options.console.serve:
         remedy = "leave out --serve, and run `prooflight serve --queue FOLDER` beside it"
         raise RequestError(OPTION, "waits without a run that --serve could show", remedy=remedy)
 

@@ -10,72 +10,28 @@ from typing import TYPE_CHECKING, Self, TypeVar, cast
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
 from prooflight.reporting.wording import suspended
+from prooflight_line.run.notices import Notice
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Mapping
+    from collections.abc import Callable, Hashable, Iterator
 
-    from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.packed_design import PackedDesign
     from prooflight.inspection.prepared_store import PreparedStore
-    from prooflight.pages.job import JobSource
-    from prooflight.pages.layout.plan import SheetPlan
-    from prooflight.pages.warnings import PageWarning
-    from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.cli.watch.planned_run import PlannedRun
+    from prooflight_line.cli.watch.plant import ServedPlant
     from prooflight_line.cli.watch.resuming import Resumption
-    from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
-    from prooflight_line.journal.start import StartFile
-    from prooflight_line.reporting.traces import RunTraces, Traces
+    from prooflight_line.reporting.traces import RunTraces
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore
-    from prooflight_line.run.pager import PageStart
     from prooflight_line.run.recording import Recorder
-    from prooflight_line.run.settings import Settings
+    from prooflight_line.run.runner import Running
     from prooflight_line.run.sheet_inspector import Keep
     from prooflight_line.run.status import Status
 
 Event = TypeVar("Event")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedRun:
-    """Configuration of a run before its first line."""
-
-    facts: RunFacts
-    inspector: Inspector
-    job: JobSource
-    pages: int
-    """Number of pages of the job."""
-    flaws: Mapping[int, Exception]
-    """Pages, from 1, that cannot be used, and why."""
-    given: Opened
-    start: PageStart
-    settings: Settings
-    keep: Keep
-    follow: bool
-    false_alarms: float
-    """Number of false alarms of the run level per 100,000 pages."""
-    plan: SheetPlan | None = None
-    """Imposition of the job on sheets; None: one page a sheet."""
-    warnings: tuple[PageWarning, ...] = ()
-    """Warnings of the job that were printed before the run."""
-    resumption: Resumption | None = None
-    """Run that broke off and is resumed; None: the run is new."""
-    traces: Traces | None = None
-    """Where traces of the sheets go; None: none are made."""
-
-    def position(self, number: int) -> int:
-        """Return the position at which page ``number`` of the job, from 1, first passes."""
-        plan = self.plan
-        return number - 1 if plan is None else plan.layout.position_of(number - 1, plan.sheets)
-
-    @property
-    def sheets(self) -> int:
-        """Number of sheets that pass."""
-        assert self.facts.sheets is not None  # a run on a press always says
-        return self.facts.sheets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +45,7 @@ class _PreparedJob:
     def of(cls, planned: PlannedRun, page_store: JobPageStore) -> Self:
         from prooflight.inspection.prepared_store import MOST_BYTES, PreparedStore, clean
 
-        store = PreparedStore.of(planned.inspector, planned.job)
+        store = PreparedStore.of(planned.inspector, planned.read.source)
         if store is not None:
             clean(store.folder.parent, most_bytes=MOST_BYTES, keep=store.folder)
         return cls(store=store, warnings=page_store.warnings)
@@ -105,96 +61,148 @@ class _PreparedJob:
             self.store.save(cast("int", design), packed)
 
 
-def run_until_ended(
-    planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching
-) -> Status:
+def run_until_ended(planned: PlannedRun, recorder: Recorder | None, console: Watching) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
     from prooflight_line.cli.watch.run_log import RunLog
-    from prooflight_line.reporting.traces import RunTraces
-    from prooflight_line.run.notices import Notice, PageWarnings
-    from prooflight_line.run.page_store import JobPageStore
-    from prooflight_line.run.recording import ending_of
-    from prooflight_line.run.watching import watched
 
-    press, given, sheets = planned.inspector.press, planned.given, planned.sheets
     console.log = RunLog.of(planned.facts, None if recorder is None else recorder.run_id)
     console.log.began(planned.facts)
-    traces = planned.traces
-    traced = None if traces is None else RunTraces(traces=traces, facts=planned.facts, recorder=recorder)
-    if traced is not None and recorder is not None:
-        recorder.committed = traced.committed
-    notify = console.noticed
+    traced = _traced(planned, recorder)
+    notices = _Notices(console.noticed)
     with (
         _stoppable(recorder, console),
-        plant.served(
+        planned.read.plant.served(
             planned.facts,
-            press,
-            job_pages=planned.pages,
-            plan=planned.plan,
+            planned.inspector.press,
+            job_pages=planned.read.pages,
+            plan=planned.read.plan,
             recorder=recorder,
             resumption=planned.resumption,
-            notice=lambda one: notify(one),
+            notice=notices,
             progress=show.steps(quiet=console.json),
         ) as served,
     ):
         console.phase, console.too_late = served.phase, served.too_late
-        page_store = JobPageStore(
-            job=planned.job,
-            press=press,
-            pages=planned.pages,
-            sheets=sheets,
-            plan=planned.plan,
-            warnings=PageWarnings(lambda one: notify(one), planned.warnings),
-        )
-        before = _PreparedJob.of(planned, page_store)
-        running = watched(
-            planned.inspector,
-            source=served.followed(given.source),
-            page_store=page_store,
-            start=planned.start,
-            settings=planned.settings,
-            keep=planned.keep,
-            follow=planned.follow,
-            false_alarms=planned.false_alarms,
-            recorded=None
-            if recorder is None or planned.resumption is None
-            else recorder.journal.pages(recorder.run_id),
-            tell=_decided_first(
-                _timed(served.gate_observer, traced),
-                _each(
-                    partial(console.observe, recorder=recorder),
-                    None if traced is None else traced.observe,
-                    served.stream_observer,
-                ),
-            ),
-            notice=_each(console.noticed, served.noticed),
-            arrived=served.arrived,
-            name=page_store.name,
-            flaws={
-                planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
-            },
-            durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
-            stored=before.load,
-            store=before.save,
-        )
-        if given.camera is not None:
-            console.cameras = given.camera.healths
-            given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
-        notify = running.note  # from now on it stands in the journal too
+        running = _ready(planned, served, recorder, console, traced, notices)
+        notices.receive = running.note  # from now on they stand in the journal too
+        _connect_camera(planned, running, console)
         if planned.resumption is not None:
-            notify(Notice(kind="resumed", text=planned.resumption.message))
+            notices(Notice(kind="resumed", text=planned.resumption.message))
         stopped = console.until_ended(running)
-        notify = console.noticed
+        notices.receive = console.noticed
         status = running.status()
-        lacks = console.lacks(status, sheets=sheets)
-        detail = "; ".join(filter(None, (console.stopped_text, lacks)))
-        if recorder is not None:
-            recorder.end(status, stopped=stopped, detail=detail)
-        if traced is not None:
-            traced.close()
-        console.log.ended(status, ending_of(status, stopped=stopped))
-        served.ended(ending_of(status, stopped=stopped), detail)
+        _end(status, stopped, planned, served, recorder, console, traced)
     return status
+
+
+@dataclass(slots=True)
+class _Notices:
+    """Receiver of notices that may be exchanged: the run, while it goes on, and the display before and after."""
+
+    receive: Callable[[Notice], None]
+
+    def __call__(self, notice: Notice) -> None:
+        self.receive(notice)
+
+
+def _traced(planned: PlannedRun, recorder: Recorder | None) -> RunTraces | None:
+    """Return the traces of the run's sheets, if any are made; they learn what the recorder has committed."""
+    from prooflight_line.reporting.traces import RunTraces
+
+    if planned.traces is None:
+        return None
+    traced = RunTraces(traces=planned.traces, facts=planned.facts, recorder=recorder)
+    if recorder is not None:
+        recorder.committed = traced.committed
+    return traced
+
+
+def _ready(
+    planned: PlannedRun,
+    served: ServedPlant,
+    recorder: Recorder | None,
+    console: Watching,
+    traced: RunTraces | None,
+    notices: _Notices,
+) -> Running:
+    """Return the run, ready to start; sheets and notices go to the gate, the display, the traces and the plant."""
+    from prooflight_line.run.notices import PageWarnings
+    from prooflight_line.run.page_store import JobPageStore
+    from prooflight_line.run.watching import watched
+
+    page_store = JobPageStore(
+        job=planned.read.source,
+        press=planned.inspector.press,
+        pages=planned.read.pages,
+        sheets=planned.read.passings,
+        plan=planned.read.plan,
+        warnings=PageWarnings(notices, planned.read.early.warnings),
+    )
+    before = _PreparedJob.of(planned, page_store)
+    recorded = None
+    if recorder is not None and planned.resumption is not None:
+        recorded = recorder.journal.pages(recorder.run_id)
+    return watched(
+        planned.inspector,
+        source=served.followed(planned.given.source),
+        page_store=page_store,
+        start=planned.start,
+        settings=planned.settings,
+        keep=cast("Keep", planned.options.record.keep),
+        follow=planned.options.pace.follow,
+        false_alarms=planned.options.false_alarms,
+        recorded=recorded,
+        tell=_decided_first(
+            _timed(served.gate_observer, traced),
+            _each(
+                partial(console.observe, recorder=recorder),
+                None if traced is None else traced.observe,
+                served.stream_observer,
+            ),
+        ),
+        notice=_each(console.noticed, served.noticed),
+        arrived=served.arrived,
+        name=page_store.name,
+        flaws={
+            planned.position(number): error
+            for number, error in planned.read.flaws.items()
+            if number <= planned.read.passings
+        },
+        durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
+        stored=before.load,
+        store=before.save,
+    )
+
+
+def _connect_camera(planned: PlannedRun, running: Running, console: Watching) -> None:
+    """Let the display show the health of the source's cameras, and the run report when one is away."""
+    camera = planned.given.camera
+    if camera is not None:
+        console.cameras = camera.healths
+        camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
+
+
+def _end(
+    status: Status,
+    stopped: bool,
+    planned: PlannedRun,
+    served: ServedPlant,
+    recorder: Recorder | None,
+    console: Watching,
+    traced: RunTraces | None,
+) -> None:
+    """Record and publish how the run ended; ``stopped`` if a person ended it."""
+    from prooflight_line.run.recording import ending_of
+
+    lacks = console.lacks(status, sheets=planned.read.passings)
+    detail = "; ".join(filter(None, (console.stopped_text, lacks)))
+    if recorder is not None:
+        recorder.end(status, stopped=stopped, detail=detail)
+    if traced is not None:
+        traced.close()
+    ending = ending_of(status, stopped=stopped)
+    console.log.ended(status, ending)
+    served.ended(ending, detail)
 
 
 @contextmanager
@@ -271,16 +279,6 @@ def exit_code(status: Status, lacks: str) -> int:
         return UNUSABLE_INPUT
     complete = not (broke_off or lacks)
     return of_run(misprints=status.misprints, complete=complete, overloaded=status.overloads > 0)
-
-
-def start_file_of(journal: str | None) -> StartFile | None:
-    """Return the file in which consoles read how far the start has got; None if there is no journal."""
-    from prooflight_line.journal.opening import default_journal, journal_path
-    from prooflight_line.journal.start import StartFile
-
-    if journal == "none":
-        return None
-    return StartFile(journal=journal_path(journal or str(default_journal())))
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
+from prooflight_line.cli.watch.options import REMEDY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,10 +28,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.scans import SimulatedScan
     from prooflight_line.cameras.several import SeveralCameras
     from prooflight_line.cameras.source import CameraLines
-
-REMEDY = (
-    "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input), tcp:HOST:PORT or camera:ID[+ID]"
-)
+    from prooflight_line.cli.watch.options import DrumOptions
 
 FIRST_PRINTS = 4
 """Prints of the simulated drum before the first sheet passes, of a run that starts at once."""
@@ -46,12 +44,7 @@ class DrumWishes:
     """Number of pages of the job."""
     sheets: int
     """Number of sheets that pass in all."""
-    world: str
-    misprint: str | None
-    every: int
-    """Period of misprints, in prints."""
-    fault_every: int | None
-    """Approximate period of faults of the paper path or the camera, in sheets."""
+    options: DrumOptions
     seed: int
     fed: PlcSettings | None = None
     """Simulated controller that receives the sheets on its belt."""
@@ -228,19 +221,19 @@ def _drum(
     from prooflight.simulation.scans import MisprintRequest
     from prooflight.simulation.worlds import world_named
 
-    kinds = (wishes.misprint or "").split(",") if wishes.misprint else []
+    kinds = (wishes.options.misprint or "").split(",") if wishes.options.misprint else []
     prints = RingPrint(
         job=job,
         press=press,
         pages=wishes.pages,
-        world=world_named(wishes.world),
+        world=world_named(wishes.options.world),
         requests=tuple(MisprintRequest.parse(kind.strip()) for kind in kinds),
-        every=wishes.every,
+        every=wishes.options.every,
         seed=wishes.seed,
         urgent=FIRST_PRINTS if wishes.at_once else None,
     )
     count = ring_size(wishes.pages, wishes.sheets)
-    in_turn = rendered(prints, count, other_sheets=bool(wishes.fault_every))
+    in_turn = rendered(prints, count, other_sheets=bool(wishes.options.fault_every))
     # Whoever feeds a controller must know of each print whether it is a misprint; one processor prints in this process.
     grows = wishes.at_once and wishes.fed is None and count >= FEWEST_FOR_PROCESSES and os.cpu_count() != 1
     first = FIRST_PRINTS if grows else count
@@ -296,11 +289,13 @@ def _in_turn(wishes: DrumWishes) -> Iterable[Turn]:
     from prooflight.rng import stream
     from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
 
-    if not wishes.fault_every:
+    if not wishes.options.fault_every:
         return (Turn(page=sheet) for sheet in range(wishes.sheets))
     faults = {}
     rng = stream(wishes.seed, "drum-faults")
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
-    for turn, start in enumerate(range(wishes.fault_every, wishes.sheets - 2, wishes.fault_every)):
+    for turn, start in enumerate(
+        range(wishes.options.fault_every, wishes.sheets - 2, wishes.options.fault_every)
+    ):
         faults[start] = DrumFault.draw(kinds[turn % len(kinds)], rng)
     return turns(wishes.sheets, faults)

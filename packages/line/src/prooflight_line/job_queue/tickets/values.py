@@ -24,7 +24,7 @@ PREFIX: Final = "prooflight:"
 """Beginning of ``GeneralID/@IDUsage`` by which a ticket states settings of the inspection."""
 KEEP: Final = ("all", "misprints", "none")
 MOST_COPIES: Final = 10_000_000
-"""As of ``watch --sheets``."""
+"""Limit of ``watch --sheets``."""
 MOST_TEXT: Final = 200
 LIGHTEST_GSM, HEAVIEST_GSM = 10.0, 2000.0
 """assumed: from tissue to solid board."""

@@ -43,9 +43,9 @@ UNKNOWN_THUMBNAIL: Final = 3.0
 ENDS_EARLY: Final = 5.0
 """Cost of lines that end before the job does."""
 WORSE: Final = 25.0
-"""Cost above the best hypothesis beyond which hypotheses are dropped ..."""
+"""Cost above the best hypothesis beyond which hypotheses are dropped."""
 MOST_READINGS: Final = 8
-"""... and greatest number that is kept."""
+"""Greatest number of hypotheses that is kept."""
 STRAYS: Final = 8
 """Number of successive strays that count as sheets in place of pages; after so many the run is taken to stand
 still."""

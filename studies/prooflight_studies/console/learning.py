@@ -96,7 +96,9 @@ class Learnable:
 
     def begin_again(self) -> None:
         """Put the press back as it was before it learned."""
-        shutil.copyfile(self.original, self.press)
+        again = self.press.with_name("again.press")
+        shutil.copyfile(self.original, again)
+        again.replace(self.press)  # the console maps the file: one that is written over would end it
         waiting_path(self.press).unlink(missing_ok=True)
         shutil.rmtree(self.press.with_name(f"{self.press.name}.versions"), ignore_errors=True)
 

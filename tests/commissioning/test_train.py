@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from prooflight.commissioning.training.simulated_days import (
     PressDay,
     ScatterWork,
     StatisticsWork,
+    amount_named,
     UnitWork,
     fitted,
     good_prior,
@@ -204,7 +204,7 @@ def test_an_office_class_press_does_what_the_press_world_does() -> None:
     unit = {name: units.get(name.rpartition("_")[2], 100.0) for name in FOLLOWS}
     world = Amounts.stated()
     for name, of in FOLLOWS.items():
-        amount = np.hypot.reduce([attrgetter(one)(world) for one in of] + [0.0]) / unit[name]
+        amount = np.hypot.reduce([amount_named(one, world) for one in of] + [0.0]) / unit[name]
         assert getattr(PrintPrior(), name) == pytest.approx(margins.get(name, 1.0) * amount, rel=0.01), name
     assert {*FOLLOWS, *SAME} == set(asdict(PrintPrior()))
 

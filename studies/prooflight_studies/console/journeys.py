@@ -147,7 +147,7 @@ def _learn_again(hand: Hand) -> None:
     hand.click("a[href='/press/engineering']")
     hand.click("input[name=good]")
     hand.click("form:has([name=step][value=learn]) button")
-    hand.wait("#work[hx-get]")  # the page may still show what an earlier walk made
+    hand.wait("#work button[hx-post$='/cancel']")  # until then the page may show what an earlier walk made
     hand.wait("#work form button.main")
     hand.click("#work form button.main")
     hand.wait(".version form button")

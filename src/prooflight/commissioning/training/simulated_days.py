@@ -106,13 +106,14 @@ def good_prior(press: Press) -> PrintPrior:
 def _times(press: Press, *names: str) -> float:
     """Return the ratio of a press's amounts to the press world's, added up as independent ones."""
     own, world = (
-        math.hypot(*(_amount(of, name) for name in names)) for of in (amounts_of(press), Amounts.stated())
+        math.hypot(*(amount_named(name, of) for name in names))
+        for of in (amounts_of(press), Amounts.stated())
     )
     return max(own / world, LEAST_TIMES)
 
 
-def _amount(amounts: Amounts, name: str) -> float:
-    """Return an amount by its block and name; 0: the block is not of this press's world."""
+def amount_named(name: str, amounts: Amounts) -> float:
+    """Return the amount of a name in ``FOLLOWS``; 0: its block is not of this press's world."""
     block, field = name.split(".")
     of_block = getattr(amounts, block)
     return 0.0 if of_block is None else float(getattr(of_block, field))

@@ -90,6 +90,12 @@ class Pager:
         return []
 
 
+@pytest.fixture(autouse=True)
+def _on_two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let two sheets be inspected at once, as two inspectors on two processors do."""
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+
+
 def watched(
     script: list[SeenPage | MissingPage],
     *,

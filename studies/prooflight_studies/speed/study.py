@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
@@ -214,10 +213,9 @@ def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
         tall = np.concatenate([base.cmyk] * times)
         add(f"growth: {times} pages long", replace(base, cmyk=tall), press)
     rows = [replace(row, ratio=round(1 / row.ratio, 2)) for row in _rows(works)]
-    workers = min(2, os.cpu_count() or 1)
     works.clear()
     add("1 thread, by the wall", base, press)
-    add(f"{workers} threads, by the wall", base, press, threads=workers)
+    add("2 threads, by the wall", base, press, threads=2)
     by_wall = [replace(row, ratio=round(1 / row.ratio, 2)) for row in _rows(works, clock=time.perf_counter)]
     return rows + by_wall
 
@@ -239,7 +237,7 @@ def detector_growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
     timed = []
     for name, one in grown.items():  # one after the other, for a design of several pages takes a gigabyte
         timed += _rows(grown_works({name: one}))
-    for threads in (1, min(2, os.cpu_count() or 1)):
+    for threads in (1, 2):
         whole = {f"{threads} threads, by the wall": (base, press)}
         timed += _rows(grown_works(whole, threads=threads), clock=time.perf_counter)
     first = {look: next(row for row in timed if look in row.name).mpx_per_cpu_s for look in PASSES}

@@ -112,18 +112,17 @@ def sampling_grid(
             y = y + page_y - seen(x, y)[1]
         return seen(x, y)[0] / pixel_mm
 
+    def on_lines(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
+
     def row_at(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
-        x = x_mm[0] + column * geometry.pixel_pitch_mm
-        y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
-        return seen(x, y)[1] / pixel_mm
+        return seen(x_mm[0] + column * geometry.pixel_pitch_mm, on_lines(line, column))[1] / pixel_mm
 
     def column_on_line(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
-        x = x_mm[0] + column * geometry.pixel_pitch_mm
-        y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
-        return seen(x, y)[0] / pixel_mm
+        return seen(x_mm[0] + column * geometry.pixel_pitch_mm, on_lines(line, column))[0] / pixel_mm
 
     def row_on_line(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
-        y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
+        y = on_lines(line, column)
         page_x = np.broadcast_to((column + 0.5) * pixel_mm, y.shape)
         x = page_x
         for _ in range(2):  # as in column_at

@@ -283,6 +283,8 @@ VARIATION = {
     "camera": ("column_gain_percent", "sigma_error", "table_gain_percent", "table_shape_percent"),
 }
 """Amounts of ``worlds.toml``'s ``[press.*]``, which ``[variation.*]`` may override."""
+StatedWorld = Literal["press", "measured"]
+"""Worlds of which a press may state that its good prints vary as theirs do."""
 VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
 """Amounts among them that are given as [least, greatest]."""
 
@@ -290,7 +292,7 @@ VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
 def _variation_block() -> type[_Block]:
     """Build ``[variation]``: the world, a factor on the amounts that are not given, and the amounts that are."""
     blocks: dict[str, Any] = {
-        "world": (Literal["press", "measured"], "press"),
+        "world": (StatedWorld, "press"),
         "all_times": (Annotated[float, Field(strict=True, ge=0, le=100)], 1.0),
     }
     for block, names in VARIATION.items():

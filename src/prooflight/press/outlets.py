@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, Field, model_validator
 
 from prooflight.errors import PressFileError
 from prooflight.files.fields import NO_OTHER_FIELDS
 from prooflight.files.given import GivenFiles, shortly
-
-if TYPE_CHECKING:
-    pass
 
 SECRET_FILES: Final = GivenFiles(
     error=PressFileError, remedy="name a file of one line that holds the secret", largest_mb=0.01

@@ -6,7 +6,7 @@ Detectors check their own parts (``deciding``), ink models theirs (``ink_schema`
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
 
 import numpy as np
 from pydantic import Field
@@ -34,7 +34,7 @@ from prooflight.pages.pdf.rip_model import RipModel
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import ClippedShare
-from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
+from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI, StatedWorld
 from prooflight.press.spot_units import SpotUnits
 from prooflight.scans.geometry import ScanGeometry
 
@@ -56,8 +56,6 @@ MOST_CODE: Final = 65535
 EVEN: Final = 1e-3
 """Tolerance of weights that sum to 1: rounding of float32 comes to 1e-6."""
 
-STATED_WORLDS: Final = ("press", "measured")
-"""Worlds of which a press may state that its good prints vary as theirs do."""
 MODELS: Final = "detectors."
 """Beginning of the names of the tensors of detectors' models; the detector's name follows, and a full stop."""
 
@@ -111,8 +109,8 @@ def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, 
     facts = checked(PressFacts, raw)
     _check_geometry(facts)
     variation = dict(raw["variation"])
-    if variation.pop("world", "press") not in STATED_WORLDS:
-        raise Misfit("variation.world", f"must be {' or '.join(STATED_WORLDS)}")
+    if variation.pop("world", "press") not in (stated := get_args(StatedWorld)):
+        raise Misfit("variation.world", f"must be {' or '.join(stated)}")
     _check_amounts(variation, "variation")
     if facts.clipped and len(facts.clipped) != len(facts.sensors):
         raise Misfit("clipped", f"is of {len(facts.clipped)} sensors of {len(facts.sensors)}")

@@ -154,7 +154,7 @@ def _learn_again(hand: Hand) -> None:
 
 
 LEARNING: Final = Journey(name="the press learned again", most_clicks=5, most_s=None, walk=_learn_again)
-"""Way of a press of its own: a third of A4 wide, with 24 recorded good pages."""
+"""Learning of a press that no other journey uses: a third of A4 wide, with 24 recorded good pages."""
 
 
 def measure_journeys(

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
 from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.graphics import signature
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import cut
-
-if TYPE_CHECKING:
-    pass
 
 
 def table(frame: Frame, *, columns: int | None = None, size_pt: float | None = None) -> float:

@@ -103,7 +103,6 @@ def _given(context: typer.Context, option: str) -> bool:
 def _display(planned: PlannedRun) -> Watching:
     """Return the display of a run, for people or for programs."""
     from prooflight.inspection.sheets import NEXT, Assembling
-    from prooflight_line.cli.watch.planned_run import start_file_of
     from prooflight_line.cli.watch.view import Watching
 
     options, plan, resumption = planned.options, planned.read.plan, planned.resumption
@@ -112,7 +111,7 @@ def _display(planned: PlannedRun) -> Watching:
         json=options.json,
         at_once=options.pace.start_at_once,
         waits=planned.given.waits,
-        start_file=start_file_of(options.record.journal),
+        start_file=planned.start_file,
         sheets=None if plan is None else Assembling(plan, patience=NEXT),
         first_passed="" if resumption is None else resumption.past.first_not_inspected,
     )

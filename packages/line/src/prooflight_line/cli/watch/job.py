@@ -84,7 +84,7 @@ class ReadJob:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the journal records of the job beside its name."""
+        """Facts of the job that the journal records besides its name."""
         facts: dict[str, Any] = {"job_pages": self.pages}
         if self.plan is not None:
             facts["layout"] = self.plan.facts

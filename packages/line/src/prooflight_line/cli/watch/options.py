@@ -165,7 +165,7 @@ class DrumOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageOptions:
-    """What is said of the job's pages beside the job."""
+    """Zones and colour profile of the job's pages."""
 
     zones: Zones = None
     profile: Profile = None
@@ -190,7 +190,7 @@ class ConsoleOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartOptions:
-    """Which job the run begins, or which run it continues."""
+    """Job that the run begins, or run that it continues."""
 
     queue: Annotated[
         bool,

@@ -40,7 +40,9 @@ class PlannedRun:
     resumption: Resumption | None = None
     """Run that broke off and is resumed; None: the run is new."""
     traces: Traces | None = None
-    """Where traces of the sheets go; None: none are made."""
+    """Traces of the sheets; None: none are made."""
+    start_file: StartFile | None = None
+    """File in which consoles read how far the start has got; None: there is no journal."""
 
     @classmethod
     def of(cls, options: WatchOptions, inspector: Inspector, read: ReadJob, *, traces: Traces | None) -> Self:
@@ -50,11 +52,10 @@ class PlannedRun:
         """
         from prooflight_line.run.pager import SheetEdge, TriggerCount
 
-        facts = _run_facts(options, inspector, read)
+        facts, start_file = _run_facts(options, inspector, read), _start_file_of(options.record.journal)
         resumption = _resumption(options, facts, read) if options.start.resume else None
-        given = _opened_source(
-            options, inspector, read, passed=0 if resumption is None else resumption.past.due
-        )
+        passed = 0 if resumption is None else resumption.past.due
+        given = _opened_source(options, inspector, read, start_file, passed=passed)
         settings = _settings(options, waits=given.waits)
         trigger, customer = options.lines.trigger, options.record.customer
         of_run = asdict(settings) | {"engine": inspector.engine} | read.facts
@@ -72,6 +73,7 @@ class PlannedRun:
             settings=settings,
             resumption=resumption,
             traces=traces,
+            start_file=start_file,
         )
 
     def position(self, number: int) -> int:
@@ -112,9 +114,10 @@ def _resumption(options: WatchOptions, facts: RunFacts, read: ReadJob) -> Resump
     )
 
 
-def _opened_source(options: WatchOptions, inspector: Inspector, read: ReadJob, *, passed: int) -> Opened:
+def _opened_source(
+    options: WatchOptions, inspector: Inspector, read: ReadJob, start_file: StartFile | None, *, passed: int
+) -> Opened:
     """Open the source of the options; ``passed`` sheets have passed before."""
-    start_file = start_file_of(options.record.journal)
     bar = show.logged_progress if options.json else show.progress
 
     def shown(scans: Iterable[Any], total: int) -> Iterator[Any]:
@@ -156,8 +159,8 @@ def _settings(options: WatchOptions, *, waits: bool) -> Settings:
     )
 
 
-def start_file_of(journal: str | None) -> StartFile | None:
-    """Return the file in which consoles read how far the start has got; None if there is no journal."""
+def _start_file_of(journal: str | None) -> StartFile | None:
+    """Return ``PlannedRun.start_file``."""
     from prooflight_line.journal.opening import default_journal, journal_path
     from prooflight_line.journal.start import StartFile
 

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from scipy import special
 
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.scans.placement import Placement
 from prooflight_studies.commands.marks import visible
 from prooflight_studies.harness.psychometric import Psychometric
-from prooflight_studies.visible import findings, marks, study
+from prooflight_studies.visible import findings, marks, rig, study
 from prooflight_studies.visible.peers import MEASURES, PageVariation, in_place, local_difference
 from prooflight_studies.visible.rig import Camera
 from prooflight_studies.visible.rows import TABLE, CurveWork
@@ -37,6 +38,8 @@ from prooflight_studies.visible.sheets import (
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from prooflight.press.artefact import Press
 
 DPI = 254.0
 """A pixel is 0.1 mm."""
@@ -369,7 +372,11 @@ def test_levels_of_letters_are_sizes_that_the_page_has() -> None:
         assert len(work.levels_of("wrong glyph")) == len(work.levels_of("spot")) == levels
 
 
-def test_a_small_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_study_writes_its_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained_press: Press
+) -> None:
+    model = model_of(trained_press)  # of narrower pages: training takes longer than all prints of this study
+    monkeypatch.setattr(rig, "trained", lambda press, *_, **__: press.with_detector("matched_filter", model))
     few: dict[str, Any] = {name: marks.KINDS[name] for name in ("spot", "void", "missing glyph")}
     few["spot"] = replace(few["spot"], places=("paper",))
     few["void"] = replace(few["void"], places=("border",))

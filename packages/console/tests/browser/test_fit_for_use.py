@@ -109,33 +109,33 @@ def fit_for_everybody(page: Page) -> None:
         assert over <= 0, f"{page.url} is {over} px wider than the screen"
 
 
-@pytest.mark.parametrize("path", PAGES)
-def test_a_page_is_fit_for_everybody_and_for_gloves(
-    standing: Serving, visit: Callable[..., Visitor], path: str
-) -> None:
+def test_pages_are_fit_for_everybody_and_for_gloves(standing: Serving, visit: Callable[..., Visitor]) -> None:
     visitor = visit(standing).signed_in("admin")
-    if path == "/nowhere":
-        visitor.expected.append("404")
-    page = visitor.goto(path)
-    page.wait_for_selector(PAGES[path])
-    fit_for_everybody(page)
+    visitor.expected.append("404")
+    for path, whole in PAGES.items():
+        page = visitor.goto(path)
+        page.wait_for_selector(whole)
+        fit_for_everybody(page)
 
 
-@pytest.mark.parametrize("width", WIDTHS)
 def test_no_page_scrolls_sideways_and_no_navigation_is_cut_off(
-    standing: Serving, visit: Callable[..., Visitor], width: int
+    standing: Serving, visit: Callable[..., Visitor]
 ) -> None:
     """In German, whose words are the longer ones."""
-    visitor = visit(standing, viewport={"width": width, "height": 740}, locale="de-DE").signed_in("admin")
+    visitor = visit(standing, locale="de-DE").signed_in("admin")
     visitor.expected.append("404")
     faults = {}
     for path, whole in PAGES.items():
         page = visitor.goto(path)
         page.wait_for_selector(whole)
-        over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-        cut = [*page.evaluate(CUT_OFF), *page.evaluate(TOO_SMALL, LEAST_PX)]
-        if over > 0 or cut:
-            faults[path] = (over, cut)
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 740})
+            over = page.evaluate(
+                "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            )
+            cut = [*page.evaluate(CUT_OFF), *page.evaluate(TOO_SMALL, LEAST_PX)]
+            if over > 0 or cut:
+                faults[path, width] = (over, cut)
     assert faults == {}
 
 
@@ -198,14 +198,15 @@ EMPTY: Final = {
 }
 
 
-@pytest.mark.parametrize("path", EMPTY)
-def test_a_page_before_any_run_says_so(
-    emptied: Path, serve: Callable[..., Serving], visit: Callable[..., Visitor], path: str
+def test_pages_before_any_run_say_so(
+    emptied: Path, serve: Callable[..., Serving], visit: Callable[..., Visitor]
 ) -> None:
     console = serve(emptied)
-    page = visit(console).signed_in(console.person(Role.ADMIN)).goto(path)
-    page.wait_for_selector(EMPTY[path])
-    fit_for_everybody(page)
-    told = page.inner_text("main")
-    assert ("No run has been recorded yet." in told) == (path != "/setup")
-    assert "No open incident" not in told, "nobody has looked"
+    visitor = visit(console).signed_in(console.person(Role.ADMIN))
+    for path, whole in EMPTY.items():
+        page = visitor.goto(path)
+        page.wait_for_selector(whole)
+        fit_for_everybody(page)
+        told = page.inner_text("main")
+        assert ("No run has been recorded yet." in told) == (path != "/setup")
+        assert "No open incident" not in told, "nobody has looked"

@@ -33,33 +33,38 @@ class Model:
     """Scores of good pages of the press, and the threshold above all of them."""
 
     good: NDArray[np.float64]
-    told: tuple[LabelledPages, ...] = ()
+    recalibrations: tuple[LabelledPages, ...] = ()
 
     @property
     def guarantee(self) -> Guarantee:
-        if self.told:
+        if self.recalibrations:
             return Guarantee(
-                rate=self.told[-1].rate, simulated=0, real=len(self.told[-1].score), label_source="labels"
+                rate=self.recalibrations[-1].rate,
+                simulated=0,
+                real=len(self.recalibrations[-1].score),
+                label_source="labels",
             )
         return Guarantee(rate=1 / (self.good.size + 1), simulated=self.good.size)
 
     @property
     def threshold(self) -> float:
-        return self.told[-1].threshold if self.told else float(self.good.max())
+        return self.recalibrations[-1].threshold if self.recalibrations else float(self.good.max())
 
     def recalibrated(self, labelled: LabelledPages) -> Self:
         _ = labelled.threshold  # refused where the pages are too few
-        return replace(self, told=(*self.told, labelled))
+        return replace(self, recalibrations=(*self.recalibrations, labelled))
 
     def before_recalibration(self) -> Self | None:
-        return replace(self, told=self.told[:-1]) if self.told else None
+        return replace(self, recalibrations=self.recalibrations[:-1]) if self.recalibrations else None
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        labels = {f"{at}.{n}": a for at, one in enumerate(self.told) for n, a in one.arrays().items()}
+        labels = {
+            f"{at}.{n}": a for at, one in enumerate(self.recalibrations) for n, a in one.arrays().items()
+        }
         return {"good": self.good, **labels}
 
     def facts(self) -> Mapping[str, Any]:
-        return {"labels": [one.facts() for one in self.told]}
+        return {"labels": [one.facts() for one in self.recalibrations]}
 
     @staticmethod
     def check(
@@ -73,7 +78,7 @@ class Model:
         labels = [
             LabelledPages.from_parts(part_of(arrays, f"{at}."), of) for at, of in enumerate(facts["labels"])
         ]
-        return cls(good=arrays["good"], told=tuple(labels))
+        return cls(good=arrays["good"], recalibrations=tuple(labels))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -49,9 +49,9 @@ def test_a_word_of_the_command_line_stands_in_the_console_and_the_other_way(
     assert answer.status_code == 201
     operator.post("/api/v1/runs/1/incidents/1/labels", json={"label": "false-alarm"})
     capsys.readouterr()
-    assert run(["run", "asked", "1", "--all", "--journal", journal]) == 0
+    assert run(["run", "sampled", "1", "--all", "--journal", journal]) == 0
     told = capsys.readouterr().out
-    assert "told: 1 of the sheets that passed and 1 of 1 alarm" in told
+    assert "labelled: 1 of the sheets that passed and 1 of 1 alarm" in told
     sample = operator.get("/api/v1/runs/1/report").json()["sample"]
     assert (sample["sampled"], sample["sampled_labelled"], sample["alarms_labelled"]) == (5, 1, 1)
     assert sample["open"] == [0, 16, 24, 32]

@@ -42,7 +42,7 @@ class Recalibrates(TrainedModel, Protocol):
         ...
 
     @property
-    def told(self) -> tuple[LabelledPages, ...]:
+    def recalibrations(self) -> tuple[LabelledPages, ...]:
         """Labelled pages of each recalibration, of which the last applies."""
         ...
 

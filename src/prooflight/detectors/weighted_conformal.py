@@ -128,7 +128,7 @@ class LabelledPages:
     def too_few(self) -> RequestError:
         """Return an error: these cannot support the guarantee, and how many more are needed."""
         odds = f"one false alarm in {1 / self.rate:,.0f} good pages"
-        what = f"{self.sample:.0f} pages of the random sample were told good, too few to promise {odds}"
+        what = f"{self.sample:.0f} pages of the random sample were labelled good, too few to promise {odds}"
         more = max(self.missing, 1)
         return RequestError("recalibrate", what, remedy=f"{more} more {'is' if more == 1 else 'are'} needed")
 
@@ -136,7 +136,7 @@ class LabelledPages:
         runs = np.unique(self.run).size
         alarms = int((~self.passed).sum())
         return (
-            f"{int(self.passed.sum())} sampled pages and {alarms} false alarms, told by people in {runs} "
+            f"{int(self.passed.sum())} sampled pages and {alarms} false alarms, labelled by people in {runs} "
             f"{'run' if runs == 1 else 'runs'}"
         )
 

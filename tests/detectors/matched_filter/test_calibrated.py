@@ -330,7 +330,7 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
         assert all(
             one.misprint == (one.p_value is not None and one.p_value <= 0.05)
             for one in decided
-            if matched_filter.told
+            if matched_filter.recalibrations
         )
         return np.array([one.score for one in decided])
 

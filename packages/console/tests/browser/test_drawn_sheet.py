@@ -100,9 +100,9 @@ def test_a_drawn_sheet_opens_whole_and_is_told_by_one_tap(
     visitor.goto("/report/1")
     assert page.locator("a[href='/runs/1/sheets/0']").count() == 0
     assert page.locator("a[href='/runs/1/sheets/1']").count() > 0
-    assert run(["run", "asked", "1", "--all", "--json", "--journal", str(sampled.journal)]) == 0
+    assert run(["run", "sampled", "1", "--all", "--json", "--journal", str(sampled.journal)]) == 0
     sheets = json.loads(capsys.readouterr().out)["sheets"]
-    assert [(one["sheet"], one["told"], one["by"]) for one in sheets] == [
+    assert [(one["sheet"], one["label"], one["by"]) for one in sheets] == [
         (0, "good", "Jan"),
         (1, None, None),
         (2, None, None),

@@ -127,11 +127,11 @@ def test_a_press_is_calibrated_anew_replayed_and_brought_back(
     path, new, back = tmp_path / "j.sqlite", tmp_path / "new.press", tmp_path / "back.press"
     with Journal.open(str(path)) as journal:
         run_id = watched(journal, trained_press)
-    open_questions = said(capsys, "run", "asked", "--journal", path)
+    open_questions = said(capsys, "run", "sampled", "--journal", path)
     assert len(open_questions["sheets"]) == SHEETS // 2
     assert open_questions["missed"] is None
     told(path, run_id, range(SHEETS))
-    answered = said(capsys, "run", "asked", "--journal", path)
+    answered = said(capsys, "run", "sampled", "--journal", path)
     assert answered["sheets"] == []
     assert answered["false_alarms"]["value"] == pytest.approx(0.25)
     assert answered["missed"]["value"] == 0
@@ -146,8 +146,8 @@ def test_a_press_is_calibrated_anew_replayed_and_brought_back(
     assert "matched_filter" in loaded.detectors
     assert loaded.digest == found["digest"]
     assert model_of(loaded).threshold == found["threshold"]
-    assert "told by people" in str(model_of(loaded).guarantee)
-    pages = model_of(loaded).told[-1]
+    assert "labelled by people" in str(model_of(loaded).guarantee)
+    pages = model_of(loaded).recalibrations[-1]
     assert set(pages.sheet) == {sheet for sheet in range(SHEETS) if sheet % 4 < 2}
     assert model_of(loaded).decide(found["threshold"] + 0.1).misprint
     assert model_of(loaded).decide(found["threshold"] + 0.1).p_value <= RATE
@@ -158,7 +158,7 @@ def test_a_press_is_calibrated_anew_replayed_and_brought_back(
     assert twice["replaces"] == found["digest"]  # runs of the press before count on
     assert said(capsys, "press", "go-back", again, "-o", back)["digest"] == found["digest"]
     assert Press.load(back).digest == found["digest"]
-    for command in (("run", "show"), ("run", "asked"), ("run", "tolerances")):
+    for command in (("run", "show"), ("run", "sampled"), ("run", "tolerances")):
         assert run([*command, "--journal", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "false alarms: 25.00% of good sheets" in shown
@@ -197,7 +197,7 @@ def test_an_artefact_that_promises_more_than_its_pages_is_refused(
     assert run(["press", "recalibrate", str(old), "--journal", str(path), "-o", str(new)]) == 0
     press = Press.load(new)
     assert "matched_filter" in press.detectors
-    pages = model_of(press).told[-1]
+    pages = model_of(press).recalibrations[-1]
     for changes, field in (
         ({"rate": 1e-4}, "labelled0.score"),
         ({"weight": np.zeros_like(pages.weight)}, "labelled0.weight"),
@@ -205,7 +205,7 @@ def test_an_artefact_that_promises_more_than_its_pages_is_refused(
         ({"passed_weight": 0.5}, "labelled0.passed_weight"),
     ):
         bad = press.with_detector(
-            "matched_filter", replace(model_of(press), told=(replace(pages, **changes),))
+            "matched_filter", replace(model_of(press), recalibrations=(replace(pages, **changes),))
         )
         with pytest.raises(PressError, match=field):
             bad.save(tmp_path / "bad.press")

@@ -44,8 +44,8 @@ def zones_in_force(path: Path | None, job: Job, inspector: Inspector) -> JobZone
     model = press.detectors.get(detector)
     if (
         isinstance(model, Recalibrates)
-        and model.told
-        and not model.told[-1].rests_on(zones_of_job.zones_digest)
+        and model.recalibrations
+        and not model.recalibrations[-1].rests_on(zones_of_job.zones_digest)
     ):
         faults.report(
             f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "

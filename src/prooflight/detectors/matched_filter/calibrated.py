@@ -112,7 +112,7 @@ class CalibratedDetector:
 
     False: the press learned and was recalibrated before this was tested; its labelled scores rest on that threshold.
     """
-    told: tuple[LabelledPages, ...] = ()
+    recalibrations: tuple[LabelledPages, ...] = ()
     """Labelled pages of each recalibration, of which the last applies; empty: the detector was never
     recalibrated."""
     name: str = "matched_filter"
@@ -178,12 +178,12 @@ class CalibratedDetector:
                 requested_rate=labelled.rate,
                 label_source=str(labelled),
             ),
-            told=(*self.told, labelled),
+            recalibrations=(*self.recalibrations, labelled),
         )
 
     def before_recalibration(self) -> Self | None:
         """Return the detector that ``recalibrated`` was applied to; None: it never was."""
-        if not self.told:
+        if not self.recalibrations:
             return None
         detector = self.calibrated(
             self.model,
@@ -195,7 +195,7 @@ class CalibratedDetector:
             real=self.real,
             counted=self.counted,
         )
-        for labelled in self.told[:-1]:
+        for labelled in self.recalibrations[:-1]:
             detector = detector.recalibrated(labelled)
         return detector
 
@@ -274,9 +274,11 @@ class CalibratedDetector:
         however they share it. Labels do not raise the floor: what reaches it is a misprint.
         """
         all_tests = self._with_floor(self._of_all_tests(of_ranking, glyphs), floor_mm2)
-        if not self.told:
+        if not self.recalibrations:
             return all_tests
-        labelled = self.decision(all_tests.score, self.threshold, self.told[-1].p_value(all_tests.score))
+        labelled = self.decision(
+            all_tests.score, self.threshold, self.recalibrations[-1].p_value(all_tests.score)
+        )
         return self._with_floor(labelled, floor_mm2)
 
     def _of_all_tests(self, decision: Decision, glyphs: float) -> Decision:
@@ -324,7 +326,7 @@ class CalibratedDetector:
             scores["glyphs"] = self.pages.glyphs
         if len(self.pages.variation):  # absent if no real page was learned from
             scores["variation"] = self.pages.variation
-        for number, labelled in enumerate(self.told):
+        for number, labelled in enumerate(self.recalibrations):
             scores |= {f"labelled{number}.{name}": array for name, array in labelled.arrays().items()}
         return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
@@ -339,8 +341,8 @@ class CalibratedDetector:
             "real": self.real,
             "tolerance": model,
         }
-        if self.told:  # a press without recalibration keeps its old format
-            facts["labelled"] = [labelled.facts() for labelled in self.told]
+        if self.recalibrations:  # a press without recalibration keeps its old format
+            facts["labelled"] = [labelled.facts() for labelled in self.recalibrations]
             if self.real and self.counted:
                 facts["counted"] = True
         return facts

@@ -364,7 +364,7 @@ class MatchedFilterPage:
 
         With labelled pages it is only the score that their threshold is for.
         """
-        if self.detector.calibrated.told:
+        if self.detector.calibrated.recalibrations:
             return np.array([decision.score]) if np.isfinite(decision.score) else None
         return summary_of(self.model, values, self.prepared_page.page_features, score=score)
 

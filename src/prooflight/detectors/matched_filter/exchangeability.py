@@ -194,9 +194,11 @@ class PressRunTest:
     def of(cls, detector: CalibratedDetector, *, seed: int) -> Self:
         """Start the test of a run."""
         rng = stream(seed, "exchangeability-ties")
-        if detector.told:
+        if detector.recalibrations:
             return cls(
-                test=ExchangeabilityTest.of_labelled(detector.told[-1], rng), rng=rng, remedy=FEEDBACK_REMEDY
+                test=ExchangeabilityTest.of_labelled(detector.recalibrations[-1], rng),
+                rng=rng,
+                remedy=FEEDBACK_REMEDY,
             )
         return cls(test=ExchangeabilityTest.of(detector), rng=rng)
 

@@ -67,7 +67,7 @@ def same_scale(press: Press, name: str) -> frozenset[str]:
     They differ from it in the threshold or in the costs alone.
     """
     model = press.detectors.get(name)
-    recalibrations = model.told if isinstance(model, Recalibrates) else ()
+    recalibrations = model.recalibrations if isinstance(model, Recalibrates) else ()
     return press.scored_alike | {labelled.replaces for labelled in recalibrations}
 
 
@@ -150,7 +150,7 @@ def before_recalibration(press: Press, where: object) -> Press:
     if previous is None:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
     name, model, last = previous
-    before, wanted = press.with_threshold(name, last), model.told[-1].replaces
+    before, wanted = press.with_threshold(name, last), model.recalibrations[-1].replaces
     if wanted != before.digest:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
         raise RequestError(where, what, remedy="take the press artefact of that time from a backup")

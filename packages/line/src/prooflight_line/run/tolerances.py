@@ -63,8 +63,8 @@ class Proposal:
             f"{self.sheets} false alarms in runs {', '.join(map(str, self.runs))}",
             f"would tolerate {self.kind} within {width:.1f} x {height:.1f} mm at {x:.1f}, {y:.1f} mm, "
             f"weaker than {self.up_to_score:.1f} standard deviations",
-            f"price: {self.misprints_lost} told misprints there would have passed, "
-            f"{self.misprints_kept} would still alarm; {self.untold} alarms there that nobody told would pass",
+            f"price: {self.misprints_lost} labelled misprints there would have passed, "
+            f"{self.misprints_kept} would still alarm; {self.untold} unlabelled alarms there would pass",
         )
 
 

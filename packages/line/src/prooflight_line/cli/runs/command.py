@@ -193,7 +193,7 @@ def _print_run(run: RunRow, journal: Journal) -> None:
             show.people.print(line)
         if open_questions := sum(not one.state for one in sampled):
             show.people.print(
-                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {run.id}`"
+                f"not yet labelled: {count(open_questions, 'sheet')}; see `prooflight run sampled {run.id}`"
             )
 
 
@@ -243,7 +243,7 @@ def export(
     from prooflight.files.atomic import whole_file
 
     if csv and json:
-        raise RequestError("run export", "is asked for CSV and for JSON", remedy="choose one")
+        raise RequestError("run export", "cannot write both CSV and JSON", remedy="choose one")
     damaged = Damaged()
     with reading(journal) as opened:
         pages = opened.pages(run_of(opened, run).id, damaged=damaged.add)

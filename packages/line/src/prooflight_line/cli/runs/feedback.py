@@ -1,4 +1,4 @@
-"""Labels of sheets, and their use: ``run mark``, ``run asked``, ``run tolerances``, ``press recalibrate``,
+"""Labels of sheets, and their use: ``run mark``, ``run sampled``, ``run tolerances``, ``press recalibrate``,
 ``go-back``.
 """
 
@@ -37,7 +37,7 @@ UNDO: Final = "undo"
 def register_of_runs(app: typer.Typer) -> None:
     """Add the commands of ``prooflight run``."""
     app.command()(mark)
-    app.command()(asked)
+    app.command()(sampled)
     app.command()(tolerances)
 
 
@@ -76,7 +76,7 @@ def mark(
             last = Labels(label_store.of_run(key)).of(sheet)
             if last is None:
                 what = f"nobody has said what sheet {sheet} of run {run_row.id} was"
-                raise RequestError("undo", what, remedy="see `prooflight run asked --all`")
+                raise RequestError("undo", what, remedy="see `prooflight run sampled --all`")
             label = label_store.undo(last.id, run=key, by=by, at_s=now_s)
         else:
             label = label_store.say(word, run=key, sheet=sheet, by=by, at_s=now_s, note=why)
@@ -85,13 +85,13 @@ def mark(
             {"run": run_row.id} | {name: value for name, value in asdict(label).items() if name != "run"}
         )
         return
-    counts = "" if page.asked is not None else "; it was not asked about, so it moves no threshold"
+    counts = "" if page.asked is not None else "; it is not in the random sample, so it moves no threshold"
     if label.word == GOOD and page.verdict.verdict == "not-inspected":
         counts += ", and it was not inspected: vouch for it in the console, or print it again"
     show.people.print(f"sheet {sheet} of run {run_row.id}: {label.word}, says {label.by}{counts}")
 
 
-def asked(
+def sampled(
     run: RunNumber = "last",
     journal: JournalUrl = None,
     every: Annotated[bool, typer.Option("--all", help="List labelled sheets as well.")] = False,
@@ -117,9 +117,9 @@ def asked(
             }
         )
         return
-    title = f"Run {run_row.id}: asked" + ("" if every else ", not yet told")
-    headings = ("sheet", "page", "verdict", "drawn with", "told")
-    table = show.table_of(title, headings, text_columns=("page", "verdict", "told"))
+    title = f"Run {run_row.id}: sheets sampled for review" + ("" if every else ", not yet labelled")
+    headings = ("sheet", "page", "verdict", "drawn with", "label")
+    table = show.table_of(title, headings, text_columns=("page", "verdict", "label"))
     for one in listed[:SHOWN]:
         record = one.record
         table.add_row(
@@ -143,11 +143,11 @@ def sample_lines(run: RunRow, sheets: list[SampledSheet]) -> list[str]:
     counts = counts_of(run, sheets)
     alarms = f"{counts.labelled_alarms} of {count(counts.alarms, 'alarm')}"
     text = f"{counts.labelled_passed} of the sheets that passed and {alarms}"
-    lines = [f"told: {text}"]
+    lines = [f"labelled: {text}"]
     if (rate := counts.false_alarms) is not None:
         lines.append(
             f"false alarms: {rate.value:.2%} of good sheets (95 %: {rate.low:.2%} to {rate.high:.2%}), "
-            f"{counts.alarms_good} of the alarms that were told"
+            f"{counts.alarms_good} of the alarms that were labelled"
         )
     if (missed := counts.missed) is not None:
         lines.append(
@@ -305,8 +305,8 @@ def _show_replays(replays: Sequence[Replayed]) -> None:
     """Print which alarms of runs would vanish and which would appear at another threshold."""
     if not replays:
         return
-    headings = ("run", "sheets", "alarms", "would go", "of these told", "would come")
-    table = show.table_of("At the new threshold", headings, text_columns=("of these told",))
+    headings = ("run", "sheets", "alarms", "would go", "of these labelled", "would come")
+    table = show.table_of("At the new threshold", headings, text_columns=("of these labelled",))
     for one in replays:
         text = ", ".join(f"{number} {word or 'nothing'}" for word, number in one.gone_told.items())
         table.add_row(
@@ -347,8 +347,8 @@ def _sampled_facts(one: SampledSheet) -> dict[str, Any]:
         "sheet": record.sheet,
         "page": record.verdict.page,
         "verdict": record.verdict.verdict,
-        "asked": record.asked,
-        "told": one.state or None,
+        "sample_probability": record.asked,
+        "label": one.state or None,
         "by": None if word is None else word.by,
         "why": "" if word is None else word.note,
     }

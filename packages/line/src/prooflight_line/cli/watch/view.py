@@ -235,7 +235,7 @@ class Watching:
         if too_late := self.too_late():
             parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:
-            parts.append(f"{count(status.untold, 'verdict')} could not be told")
+            parts.append(f"{count(status.untold, 'verdict')} could not be recorded or shown")
         if unrecorded:
             parts.append(f"{count(unrecorded, 'verdict')} not recorded in the journal")
         return "; ".join(parts)

@@ -352,6 +352,16 @@ def predict_again(residual, weight, before, after, first, last):  # type: ignore
             residual[line, x] -= change if weight[line, x] > 0 else np.float32(0)
 
 
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_gains(residual, weight, light, push, power):  # type: ignore[no-untyped-def]
+    """Add a row's evidence of its columns' gains to push and power (pixels,); residuals are limited to 3 sigma."""
+    for x in range(push.size):
+        r, w, bright = residual[x], weight[x], light[x]
+        weighted = bright * w
+        push[x] += weighted * r * min(np.float32(1), np.float32(3) / np.sqrt(r * r * w + _FLOOR))
+        power[x] += weighted * bright
+
+
 @kernel(
     "residual (L, P), weight (L, P), light (L, P), prior_power, first, last, out (P)",
     where="0 <= first, last <= P",
@@ -363,21 +373,13 @@ def column_gains(residual, weight, light, prior_power, first, last, out):  # typ
 
     prior_power: 1 / prior variance. Pixels first .. last - 1 are written.
     """
-    lines, pixels = residual.shape
-    power = np.full(pixels, prior_power)
-    out[first:last] = 0
-    for line in range(2, lines - 2):
-        for x in range(first, last):
-            w = weight[line, x]
-            if w > 0:
-                r = residual[line, x]
-                z2 = r * r * w
-                if z2 > np.float32(9):
-                    r *= np.float32(3) / np.sqrt(z2)
-                out[x] += light[line, x] * r * w
-                power[x] += light[line, x] * light[line, x] * w
-    for x in range(first, last):
-        out[x] /= power[x]
+    gains = out[first:last]
+    power = np.full(gains.size, prior_power)
+    gains[:] = 0
+    for line in range(2, residual.shape[0] - 2):
+        add_gains(residual[line, first:last], weight[line, first:last], light[line, first:last], gains, power)
+    for x in range(gains.size):
+        gains[x] /= power[x]
 
 
 @kernel(

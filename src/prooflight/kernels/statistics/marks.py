@@ -21,6 +21,8 @@ _BARE, _GRADIENT, _BORDER = 0, 2, 5
 LEAST_T = np.float32(2.5)
 """Least deviation that is noted: 1.2 % of Gaussian noise are beyond."""
 _BLOCK = 64
+_AT_ONCE = 8
+"""Flags of windows that are tested at once, as one number."""
 _LEAST_POWER = np.float32(1.0)
 """Information below which a window says nothing: it could not tell whether all of its light is gone. What sliding sums
 leave of lines that were lost, by rounding, is less."""
@@ -56,6 +58,39 @@ def slopes(light, white, first, last, out):  # type: ignore[no-untyped-def]
         if 0 < line < lines - 1:
             for s in range(light.shape[0]):
                 slope_row(light[s, line - 1], light[s, line], light[s, line + 1], per_white[s], out[line])
+
+
+@inner_kernel(error_model="numpy")
+def step_row(slope, limits, out):  # type: ignore[no-untyped-def]
+    """Count for each place of a row how many limits its slope reaches, out (pixels,) bytes."""
+    out[:] = np.uint8(0)
+    for limit in limits:  # one after the other, so that the inner loop runs in vectors
+        for x in range(out.size):
+            out[x] += np.uint8(slope[x] >= limit)
+
+
+@inner_kernel(error_model="numpy")
+def bright_row(light, white, share, out):  # type: ignore[no-untyped-def]
+    """Clear the places of a row, out (pixels,) bytes, with no more than a share of white's light."""
+    for x in range(out.size):
+        out[x] &= np.uint8(light[x] > share * white[x])
+
+
+@kernel(
+    "slope (L, P), light (S, L, P), white (S, P), limits (_), bare, first, last, steps (L, P), paper (L, P)",
+    where="0 <= first, last <= L",
+    error_model="numpy",
+)
+def steps_of(slope, light, white, limits, bare, first, last, steps, paper):  # type: ignore[no-untyped-def]
+    """Compute how many limits the slope of each place reaches, and whether all sensors see bare paper there.
+
+    Written: bytes (lines, pixels) of lines first .. last - 1. bare: share of white's light that paper exceeds.
+    """
+    for line in range(first, last):
+        step_row(slope[line], limits, steps[line])
+        paper[line] = np.uint8(1)
+        for s in range(light.shape[0]):
+            bright_row(light[s, line], white[s], bare, paper[line])
 
 
 @inner_kernel()
@@ -116,36 +151,34 @@ def slide(sums, new, old):  # type: ignore[no-untyped-def]
         sums[x] += new[x] - old[x]
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def excess(push, power, tolerance, first, last):  # type: ignore[no-untyped-def]
-    """Return the greatest of N^2 - ``LEAST_T``^2 (D + tolerance D^2) of part of a row: positive if some T is beyond."""
-    most = np.float32(-1e30)
-    for x in range(first, last):
+@inner_kernel(error_model="numpy")
+def flag_row(push, power, tolerance, flags):  # type: ignore[no-untyped-def]
+    """Flag the windows of a row (pixels,) that deviate by ``LEAST_T`` or more and say anything at all; flags: bytes."""
+    for x in range(push.size):
         own_power = power[x]
-        most = max(
-            most, push[x] * push[x] - LEAST_T * LEAST_T * (own_power + tolerance * own_power * own_power)
-        )
-    return most
+        scatter = own_power + tolerance * own_power * own_power
+        beyond = push[x] * push[x] >= LEAST_T * LEAST_T * scatter
+        flags[x] = np.uint8(beyond & (own_power >= _LEAST_POWER))
 
 
 @inner_kernel(error_model="numpy")
-def note_row(push, power, tolerance, specks, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
+def note_row(push, power, tolerance, specks, count, places, line, size, flags, most, at, beyond):  # type: ignore[no-untyped-def]
     """Record the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle.
 
-    specks: share of its light that a benign speck may take from a window of this size.
+    specks: share of its light that a benign speck may take from a window of this size. flags (pixels,): working
+    space, a multiple of ``_AT_ONCE`` bytes that are 0 from ``count`` on.
     """
     half = WINDOWS[size] // 2
-    for begin in range(0, count, _BLOCK):
-        end = min(begin + _BLOCK, count)
-        if excess(push, power, tolerance, begin, end) <= 0:
+    flag_row(push[:count], power[:count], tolerance, flags[:count])
+    groups = flags.view(np.uint64)
+    for group in range(groups.size):  # one window in a hundred is flagged
+        if groups[group] == 0:
             continue
-        for x in range(begin, end):
-            scatter = power[x] + tolerance * power[x] * power[x]
-            if power[x] < _LEAST_POWER or push[x] * push[x] < LEAST_T * LEAST_T * scatter:
+        for x in range(group * _AT_ONCE, (group + 1) * _AT_ONCE):
+            if flags[x] == 0 or places[x + half] >= CLASSES:
                 continue
             which = places[x + half]
-            if which >= CLASSES:
-                continue
+            scatter = power[x] + tolerance * power[x] * power[x]
             beyond[which, size] += 1
             sign = 0 if push[x] > 0 else 1
             deviation = push[x] if push[x] > 0 else min(push[x] + specks * power[x], np.float32(0))
@@ -180,6 +213,7 @@ def window_extremes(  # type: ignore[no-untyped-def]
     # Sums over windows are made of sums along a row, which each line makes once: twice as wide from as wide.
     ring = np.empty((channels, SIZES, 2, TALLEST + 1, pixels), np.float32)
     sums = np.zeros((channels, SIZES, 2, pixels), np.float32)
+    flags = np.zeros((SIZES, -(-pixels // _AT_ONCE) * _AT_ONCE), np.uint8)
     for begin in range(first, last, STRIP):
         sums[:] = np.float32(0)
         above = max(begin - TALLEST + 1, 0)
@@ -217,7 +251,18 @@ def window_extremes(  # type: ignore[no-untyped-def]
                     push, power = sums[channel, size, 0], sums[channel, size, 1]
                     classes = places[size, top + tall // 2]
                     note_row(
-                        push, power, tolerance, specks[size], count, classes, top, size, most, at, beyond
+                        push,
+                        power,
+                        tolerance,
+                        specks[size],
+                        count,
+                        classes,
+                        top,
+                        size,
+                        flags[size],
+                        most,
+                        at,
+                        beyond,
                     )
 
 

@@ -34,6 +34,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     FLAT_AREAS,
     GOOD_PRINTS,
     OWN_PAGE,
+    SCREEN_MODES,
     Observed,
     Statistic,
     in_screen,
@@ -84,8 +85,9 @@ def screen_statistics(
 ) -> list[Observed]:
     """Return those of ``all_statistics`` that are ``in_screen``, in the same order; threads share the parts.
 
-    sums: of ``SCREEN_MODES`` at least.
+    sums: of ``SCREEN_MODES`` at least; all statistics of these modes alone are in the screen.
     """
+    sums = sums if sums.modes == SCREEN_MODES else sums.of_modes(SCREEN_MODES)
     own = scatter.of_modes(sums.modes)
     parts: list[Callable[[], list[Observed]]] = [
         lambda: list(_of_modes(sums, flat_part(sums), own)),
@@ -97,8 +99,7 @@ def screen_statistics(
             *marks.statistics(),
         ],
     ]
-    every = [one for part in shared_out(parts, threads=threads) for one in part]
-    return [one for one in every if in_screen(one.statistic)]
+    return [one for part in shared_out(parts, threads=threads) for one in part]
 
 
 def remaining_statistics(

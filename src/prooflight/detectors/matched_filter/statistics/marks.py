@@ -33,6 +33,7 @@ from prooflight.kernels.statistics.marks import (
     beyond_share,
     classes_of,
     slopes,
+    steps_of,
     window_extremes,
 )
 from prooflight.pages.parallel import parts_of, shared_out
@@ -130,10 +131,12 @@ def classify(
     )
     if hidden is not None:
         np.maximum(slope, np.sqrt(np.maximum(hidden.max(axis=0), 0)) / white.min(axis=0), out=slope)
-    paper = (light > np.float32(BARE_LIGHT) * white[:, None]).all(axis=0).view(np.uint8)
-    steps = np.zeros(inside.shape, np.uint8)
-    for limit in SLOPES:
-        steps += slope >= np.float32(limit)
+    steps, paper = np.empty((2, *inside.shape), np.uint8)
+    seen = slope, light, white, np.array(SLOPES, np.float32), np.float32(BARE_LIGHT)
+    shared_out(
+        [partial(steps_of, *seen, *part, steps, paper) for part in parts_of(len(slope), threads)],
+        threads=threads,
+    )
     within = inside.view(np.uint8)
     border = _eroded(within, round(BORDER_MM / pixel_mm), beyond=0)
     of_design = within * (steps >= EDGE).view(np.uint8)  # the sheet's own edge is no edge of the design

@@ -51,6 +51,8 @@ PATIENCE_S = 600.0
 
 def test_every_image_and_volume_is_named_and_every_service_waits_for_one_that_is_there() -> None:
     compose = document()
+    (build,) = [service["build"] for service in compose["services"].values() if "build" in service]
+    assert (PACKAGING / build["context"] / build["dockerfile"]).is_file()
     assert {one.split("-")[0] for one in compose if one not in ("name", "services", "volumes")} == {"x"}
     for name, service in compose["services"].items():
         image, _, tag = service["image"].rpartition(":")
@@ -58,7 +60,6 @@ def test_every_image_and_volume_is_named_and_every_service_waits_for_one_that_is
         assert re.fullmatch(r"v?\d+(\.\d+)*", tag), f"{name}: {tag} is no version"
         if service["image"].startswith(OWN):
             assert tag == __version__
-            assert (PACKAGING / service["build"]["context"] / service["build"]["dockerfile"]).is_file()
             assert (service["read_only"], service["cap_drop"]) == (True, ["ALL"])
         for volume in service["volumes"]:
             source, target = volume.split(":")[:2]

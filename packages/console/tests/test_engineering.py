@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from packages.console.tests.consoles import served
-from packages.console.tests.engineering_steps import at_usual_priority
+from packages.console.tests.engineering_steps import at_usual_priority, build_with_little_training
 from packages.line.tests.cli.test_feedback import SHEETS, told, watched
 from packages.line.tests.journal.journals import record
 from tests.cli.word_jobs import write_word_job
@@ -18,6 +18,7 @@ from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.press.artefact import Press
+from prooflight.press.press_file import PressFile
 from prooflight_console.accounts.roles import Role
 from prooflight_console.engineering.effect import JudgedSheet, of_thresholds, of_version, recent_runs
 from prooflight_console.engineering.steps import StepProgress
@@ -159,6 +160,24 @@ def test_a_step_can_be_cancelled_and_leaves_nothing(console: Served, tmp_path: P
     assert now is not None
     assert now.state in ("cancelled", "done")
     other.close()
+
+
+def test_a_press_is_built_with_the_work_that_training_distributes(
+    tmp_path: Path, trained_press: Press
+) -> None:
+    """The step's process is daemonic, and may start no others."""
+    press, press_file = tmp_path / "x.press", tmp_path / "x.toml"
+    trained_press.save(press)
+    press_file.write_text(PressFile.prototype().text)
+    made = served(
+        tmp_path, run=False, step=build_with_little_training, presses=(press,), press_file=press_file
+    )
+    engineer = made.client(Role.ENGINEER)
+    assert engineer.post("/press/engineering/work", data={"step": "build"}).status_code == 200
+    task = ended(made)
+    assert (task.state, task.why) == ("done", "")
+    made.console.work.close()
+    made.close()
 
 
 def test_only_an_engineer_changes_the_press(console: Served) -> None:

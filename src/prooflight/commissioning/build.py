@@ -72,7 +72,7 @@ def build_press(
     camera = press_file.camera()
     if pixels is not None:
         camera = with_pixels(camera, pixels)
-    inks = press_file.inks(progress=lambda model: progress(f"trying ink model {model}"))
+    inks = press_file.inks(progress=lambda model: progress(f"trying ink models, {model}"))
     refuse_light(press_file, camera)
     if columns is None:
         progress("calibrating columns")

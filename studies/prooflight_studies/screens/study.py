@@ -135,6 +135,7 @@ FAULTS: Final = """least => {
   const over = document.documentElement.scrollWidth - document.documentElement.clientWidth;
   if (over > 0) faults.push(`${over} px wider than the screen`);
   for (const part of document.querySelectorAll("main *")) {
+    if (!part.checkVisibility()) continue;  // within details that are closed
     const way = getComputedStyle(part).overflowX;
     if ((way === "auto" || way === "scroll") && part.scrollWidth > part.clientWidth + 1)
       faults.push(`scrolls sideways: ${part.className}`);

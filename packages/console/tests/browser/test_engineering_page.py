@@ -50,6 +50,7 @@ def test_a_version_is_made_used_and_taken_back(
     page.wait_for_selector("#thresholds input[value='3']")
     page.click("form:has(input[value=recalibrate]) button")
     page.wait_for_selector("#work form button.main", timeout=PATIENCE_MS)
+    page.wait_for_selector("#versions .version")
     assert Press.load(path).digest == trained_press.digest
     fit_for_everybody(page)
     with page.expect_navigation():

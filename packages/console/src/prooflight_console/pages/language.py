@@ -55,6 +55,11 @@ class Language:
         text = f"{value:,.{digits}f}"
         return text if self.code == ENGLISH else text.translate(str.maketrans(",.", "\u202f,"))
 
+    def exact(self, value: float) -> str:
+        """Return a number with the digits that it has, six at most."""
+        text = f"{value:g}"
+        return text if self.code == ENGLISH else text.replace(".", ",")
+
     def keys(self) -> set[str]:
         """Return all keys."""
         return set(self._words)

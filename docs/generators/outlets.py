@@ -57,7 +57,7 @@ A verdict states what is known about a sheet: `good`, `misprint` or `not-inspect
 to the sheet, and `decided_by` the rule that decided it. Programs that move or release sheets must use the disposition,
 never the verdict.
 
-| disposition | says |
+| disposition | meaning |
 |---|---|
 | `accept` | The sheet goes to the good sheets. |
 | `hold` | The sheet must not be released before a person has seen it. No gate diverts it; its quality is not known. |

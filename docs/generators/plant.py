@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +76,11 @@ def _page() -> str:
     for name in sorted(shared):
         text += [f"**{name}.** {parts[name]['description']}\n", _fields(parts[name])]
     rows = [(f"`{topic}`", what, "yes" if kept else "no") for topic, what, kept in mqtt.topics()]
-    text += ["## MQTT\n", "All messages are sent with QoS 1.\n", _table(("topic", "says", "retained"), rows)]
+    text += [
+        "## MQTT\n",
+        "All messages are sent with QoS 1.\n",
+        _table(("topic", "content", "retained"), rows),
+    ]
     headers = [
         (f"`{webhook.TIMESTAMP}`", "Time of sending, in seconds since 1970."),
         (
@@ -85,7 +90,7 @@ def _page() -> str:
         (f"`{webhook.KEY}`", "`STREAM-NUMBER`, which stays the same if an event is posted again."),
     ]
     refused = ", ".join(map(str, sorted(posting.REFUSED)))
-    text += ["## Webhook\n", _table(("header", "holds"), headers)]
+    text += ["## Webhook\n", _table(("header", "content"), headers)]
     text.append(
         f"An answer 2xx accepts an event; {refused} refuse it permanently; after any other it is posted again.\n"
     )
@@ -128,7 +133,14 @@ def _page() -> str:
         " `LastSheet` name the first and the last of them.\n",
         _table(("variable", "type"), [(f"`{name}`", _type(kind)) for name, kind in opcua_corrections.FIELDS]),
     ]
-    return "\n".join(text)
+    return "\n".join(_wrapped(part) for part in text)
+
+
+def _wrapped(part: str) -> str:
+    """Wrap a paragraph of prose; tables, headings and texts of several paragraphs stay as they are."""
+    if not part or part.startswith(("|", "#")) or "\n\n" in part:
+        return part
+    return textwrap.fill(part, 120, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
@@ -137,7 +149,7 @@ def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
         for name, field_schema in part["properties"].items()
         if name not in but
     ]
-    return _table(("field", "is", "says"), rows) if rows else ""
+    return _table(("field", "type", "meaning"), rows) if rows else ""
 
 
 def _kind(field_schema: Mapping[str, Any]) -> str:

@@ -120,15 +120,15 @@ reports only the second.
 
 ## Results and codes
 
-| `result` | says |
+| `result` | meaning |
 |---|---|
 {_numbered(RESULTS)}
 
-| `code` | why |
+| `code` | reason |
 |---|---|
 {_numbered(CODE_TEXTS)}
 
-| `fault` | says |
+| `fault` | meaning |
 |---|---|
 {_numbered(FAULTS)}
 
@@ -136,7 +136,7 @@ reports only the second.
 
 ![The handshake](../results/running/gate-handshake.png)
 
-| state | says |
+| state | meaning |
 |---|---|
 {_rows((state.value, what) for state, what in STATES.items())}
 
@@ -177,7 +177,7 @@ def _words(registers: tuple[Register, ...]) -> int:
 
 
 def _table(registers: tuple[Register, ...]) -> str:
-    head = "| register | name | bits | what |\n|---|---|---|---|\n"
+    head = "| register | name | bits | meaning |\n|---|---|---|---|\n"
     return head + _rows(
         (
             f"{one.at}" if one.words == 1 else f"{one.at}, {one.at + 1}",

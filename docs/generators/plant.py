@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,22 +16,23 @@ from prooflight_line.plant.events import BODIES, KINDS, schema
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-INTRODUCTION = """# What the plant is told
+INTRODUCTION = """# Events for the plant
 
-[Tell the plant](../how-to/plant.md) says how outlets are set up. This page is made from the code by
-`python -m docs.generators.plant`.
+[Report results to the plant](../how-to/plant.md) describes how to configure outlets. This page is generated from the
+code by `python -m docs.generators.plant`.
 
 ## Events
 
-All outlets are fed by one stream of events. An event is JSON of the published schema
-[events.schema.json](events.schema.json). Every field is always there; a number that is not known is `null`.
+All outlets receive one stream of events. An event is JSON that follows the published schema
+[events.schema.json](events.schema.json). Every field is always present; a number that is not known is `null`.
 """
 NUMBERS = """
-A stream begins with each process, and its numbers go up by one. A consumer of all kinds that finds a gap has lost
-events; where Prooflight gave them up itself, `events-lost` says how many and which, and has the number of the last.
-What was not acknowledged is sent again, so an event may come twice: `stream` and `number` together are its key.
+Each process begins a new stream, in which the numbers increase by one. A consumer of all kinds of events that detects a
+gap has lost events. If Prooflight dropped them itself, `events-lost` states how many and which, and has the number of
+the last of them. Events that were not acknowledged are sent again, so an event may arrive twice: `stream` and `number`
+together are its key.
 
-What stands in `body` is by its field `event`:
+The field `event` of `body` names the kind of event and determines its other fields:
 """
 
 
@@ -74,59 +76,71 @@ def _page() -> str:
     for name in sorted(shared):
         text += [f"**{name}.** {parts[name]['description']}\n", _fields(parts[name])]
     rows = [(f"`{topic}`", what, "yes" if kept else "no") for topic, what, kept in mqtt.topics()]
-    text += ["## MQTT\n", "QoS 1 throughout.\n", _table(("topic", "says", "retained"), rows)]
+    text += [
+        "## MQTT\n",
+        "All messages are sent with QoS 1.\n",
+        _table(("topic", "content", "retained"), rows),
+    ]
     headers = [
-        (f"`{webhook.TIMESTAMP}`", "when it was sent, seconds since 1970"),
+        (f"`{webhook.TIMESTAMP}`", "Time of sending, in seconds since 1970."),
         (
             f"`{webhook.SIGNATURE}`",
-            "`v1=` and HMAC-SHA256 of time, full stop and body, in hexadecimal digits",
+            "`v1=` and the HMAC-SHA256 of time, full stop and body, in hexadecimal digits.",
         ),
-        (f"`{webhook.KEY}`", "`STREAM-NUMBER`: the same where an event is posted again"),
+        (f"`{webhook.KEY}`", "`STREAM-NUMBER`, which stays the same if an event is posted again."),
     ]
     refused = ", ".join(map(str, sorted(posting.REFUSED)))
-    text += ["## Webhook\n", _table(("header", "holds"), headers)]
+    text += ["## Webhook\n", _table(("header", "content"), headers)]
     text.append(
-        f"Answers 2xx take an event; {refused} refuse it for good; after all others it is posted again.\n"
+        f"An answer 2xx accepts an event; {refused} refuse it permanently; after any other it is posted again.\n"
     )
     details = [(f"`{kind}`", f"`{name}`") for kind, name in xjmf_messages.DETAILS.items()]
     text += [
         "## XJMF\n",
-        f"Namespace `{xjmf_messages.NAMESPACE}`, version {xjmf_messages.VERSION}. Where the job lies on sheets"
-        " of two sides, `Part` has `Side` and a `Defect` that side as its `Face`, and `DescriptiveName` says sheet,"
-        " copy and set. `Passed` is 1 only of a sheet that is accepted; a `Comment` says its disposition and by what"
-        " rule. A sheet that has passed the gate is a `SignalNotification`. A `Defect` has the `DefectType`"
-        " `ImageDefect` and these `DefectTypeDetails`:\n",
+        f"Namespace `{xjmf_messages.NAMESPACE}`, version {xjmf_messages.VERSION}. If sheets have two sides,"
+        " `Part` has a `Side`, a `Defect` has it as its `Face`, and `DescriptiveName` states sheet, copy and set."
+        " `Passed` is 1 only for a sheet that is accepted. A `Comment` states the disposition of the sheet and the rule"
+        " that decided it. A sheet that has passed the gate is reported as a `SignalNotification`. A `Defect` has the"
+        " `DefectType` `ImageDefect` and one of these `DefectTypeDetails`:\n",
         _table(("kind", "`DefectTypeDetails`"), details),
-        "`run package` writes the result of a run that has ended as one message. Its `SignalStatus` has a `JobPhase`"
-        " with the times and the sums of the run, its `SignalResource` a `Component` for each sheet of the job:"
-        " `Amount` counts copies that were judged good and accepted, `Waste` all others that were printed, with"
-        f" `PartWaste` by `WasteDetails`: {', '.join(f'`{name}`' for name in run_messages.WASTE)}. `JobID` is that of"
-        " the job's ticket, or the name of its file; `JobPartID` is `run-N`. `run reprint-job` writes an XJDF of the"
-        " same `JobID` with the `JobPartID` `reprint-of-run-N`.\n",
+        "`run package` writes the result of a completed run as one message. Its `SignalStatus` has a `JobPhase` with"
+        " the times and totals of the run. Its `SignalResource` has a `Component` for each sheet of the job: `Amount`"
+        " counts the copies that were judged good and accepted, and `Waste` all other printed copies, with `PartWaste`"
+        f" by `WasteDetails`: {', '.join(f'`{name}`' for name in run_messages.WASTE)}. `JobID` is that of the job's"
+        " ticket, or the name of its file. `JobPartID` is `run-N`. `run reprint-job` writes an XJDF with the same"
+        " `JobID` and the `JobPartID` `reprint-of-run-N`.\n",
     ]
     states = [(phase, *(one or "" for one in state)) for phase, state in opcua.OF_PRESS.items()]
     text += [
         "## OPC UA\n",
-        f"Namespace `{opcua_types.NAMESPACE}` (OPC 40100-1). Under Objects stands a `VisionSystemType` by the press's"
-        " name, with `VisionStateMachine` and its `AutomaticModeStateMachine`, and"
+        f"Namespace `{opcua_types.NAMESPACE}` (OPC 40100-1). Under Objects there is a `VisionSystemType` with the"
+        " name of the press. It has `VisionStateMachine` with its `AutomaticModeStateMachine`, and"
         " `ResultManagement/Results/ResultVariable`.\n",
         _table(("press", "VisionStateMachine", "AutomaticModeStateMachine"), states),
-        "A camera that is away or silent while a run goes on is the state Error; Prooflight that ends, Halted.\n",
+        "If a camera is away or silent during a run, the state is Error. When Prooflight ends, the state is Halted.\n",
         "`ResultReadyEventType` is emitted for every sheet, `StateChangedEventType` at each change of state, and"
         " `VisionInformationEventType` for incidents, for sheets that have passed the gate (`CausePath` `Gate/SHEET`),"
-        " and where inspection does not keep pace (`Inspection`). `ResultVariable` has the last sheet's disposition as"
-        " its value. A result has these fields:\n",
+        " and if inspection cannot keep up with the press (`Inspection`). The value of `ResultVariable` is the"
+        " disposition of the last sheet. A result has these fields:\n",
         _table(("field", "type"), [(f"`{name}`", _type(kind)) for name, kind in opcua_types.RESULT_FIELDS]),
-        f"`ResultState` is {opcua_types.COMPLETED} (completed) or, of a sheet that was not inspected,"
-        f" {opcua_types.ABORTED} (aborted). `ResultContent` holds the event as JSON. `IsSimulated` is true of the"
-        " simulated drum. [What each outlet says of a sheet](outlets.md) has every kind of sheet.\n",
-        f"Under the press stands `Corrections` as well, of the namespace `{opcua_corrections.URI}`: an object for the"
-        " density (`gain-INK`) and for each register (`register-INK-x`, across, and `-y`, along) of an ink, with the"
-        " offset that is offered, as by `run corrections`. None is applied from here. `Offset` is 0 where the deviation"
-        " is not sure, and `Sheets` 0 where too few were measured; `FirstSheet` and `LastSheet` say which they are.\n",
+        f"`ResultState` is {opcua_types.COMPLETED} (completed) or, for a sheet that was not inspected,"
+        f" {opcua_types.ABORTED} (aborted). `ResultContent` is the event as JSON. `IsSimulated` is true for the"
+        " simulated drum. [Messages of each outlet](outlets.md) lists every kind of sheet.\n",
+        f"Under the press there is also `Corrections`, in the namespace `{opcua_corrections.URI}`. It has an object for"
+        " the density (`gain-INK`) and each register (`register-INK-x`, across, and `-y`, along) of an ink, with the"
+        " offset that `run corrections` proposes. Prooflight applies none of them. `Offset` is 0 if the deviation is"
+        " not significant. `Sheets` is the number of measured sheets, or 0 if they were too few; `FirstSheet` and"
+        " `LastSheet` name the first and the last of them.\n",
         _table(("variable", "type"), [(f"`{name}`", _type(kind)) for name, kind in opcua_corrections.FIELDS]),
     ]
-    return "\n".join(text)
+    return "\n".join(_wrapped(part) for part in text)
+
+
+def _wrapped(part: str) -> str:
+    """Wrap a paragraph of prose; tables, headings and texts of several paragraphs stay as they are."""
+    if not part or part.startswith(("|", "#")) or "\n\n" in part:
+        return part
+    return textwrap.fill(part, 120, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
@@ -135,7 +149,7 @@ def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
         for name, field_schema in part["properties"].items()
         if name not in but
     ]
-    return _table(("field", "is", "says"), rows) if rows else ""
+    return _table(("field", "type", "meaning"), rows) if rows else ""
 
 
 def _kind(field_schema: Mapping[str, Any]) -> str:

@@ -31,7 +31,7 @@ GOOD_MEMORY_GB: Final = 8.0
 LEAST_DISK_GB: Final = 1.0
 """Below it a day's rows do not fit: 5 sheets a second, 2 kB each."""
 GB_A_DAY: Final = 5 * 86_400 * 2e3 / 1e9
-"""Rows of the journal at 5 sheets a second, without evidence (how-to *Read and keep the journal*)."""
+"""Rows of the journal at 5 sheets a second, without evidence (how-to *Read and maintain the journal*)."""
 GOOD_CORES: Final = 4
 """Assumed: two for inspection, one for preparing designs, one for everything else."""
 UNSYNCHRONISED: Final = 5

@@ -77,6 +77,18 @@ def test_a_design_comes_back_as_it_was_prepared(trained_press: Press, page: Page
     assert packed.nbytes < sum(one.nbytes for one in large if one is not None) / 2
 
 
+def test_arrays_that_are_written_out_once_are_the_same_in_every_inspection(
+    trained_press: Press, page: Page
+) -> None:
+    packed = PackedDesign.of(Inspector(trained_press).prepare(page), {})
+    written = packed.written_out()
+    cmyk = written.unpacked().page.cmyk
+    assert written.unpacked().page.cmyk is cmyk
+    np.testing.assert_array_equal(cmyk, page.cmyk)
+    assert packed.written_bytes == sum(one.written().nbytes for one in packed.arrays.values())
+    assert written.written_bytes == 0
+
+
 def test_another_detectors_design_stays_as_it_is(press: Press, page: Page) -> None:
     prepared = Inspector.of(press, "chi-square").prepare(page)
     assert PackedDesign.of(prepared, {}).unpacked() is prepared

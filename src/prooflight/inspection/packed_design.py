@@ -1,4 +1,7 @@
-"""Prepared designs in little memory: large arrays as runs of equal cells, written out for each inspection."""
+"""Prepared designs in little memory: large arrays as runs of equal cells, written out for each inspection.
+
+A process that inspects the same designs again and again may keep their arrays written out, if it has the memory.
+"""
 
 from __future__ import annotations
 
@@ -77,6 +80,17 @@ class PackedArray:
         return out.view(self.dtype).reshape(self.shape)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WrittenArray:
+    """An array of a packed design that is kept as it is written."""
+
+    array: NDArray[Any]
+
+    def written(self, *, threads: int = 1) -> NDArray[Any]:
+        """See ``PackedArray``."""
+        return self.array
+
+
 def _rows_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, int]:
     """Return the number of rows of an array, and the bytes of each; pixels of four bytes are one column."""
     columns = math.prod(shape[-2:]) if dtype.itemsize == 1 and shape[-1] == CELL_BYTES else shape[-1]
@@ -98,7 +112,7 @@ class PackedDesign:
 
     bare: Prepared
     """The design without the arrays that are packed."""
-    arrays: Mapping[str, PackedArray] = field(default_factory=dict)
+    arrays: Mapping[str, PackedArray | WrittenArray] = field(default_factory=dict)
     additional: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """What its user keeps with it, by name."""
     origin: PackedDesign | None = None
@@ -126,6 +140,20 @@ class PackedDesign:
         return size_bytes(
             (self.bare, list(self.arrays.values()), list(self.additional.values())), shared=shared
         )
+
+    @property
+    def written_bytes(self) -> int:
+        """Memory that its arrays take when they are written out. [bytes]"""
+        return sum(
+            math.prod(one.shape) * np.dtype(one.dtype).itemsize
+            for one in self.arrays.values()
+            if isinstance(one, PackedArray)
+        )
+
+    def written_out(self) -> Self:
+        """Return the design with its arrays written out, so that ``unpacked`` takes no time."""
+        arrays = {name: WrittenArray(array=one.written()) for name, one in self.arrays.items()}
+        return replace(self, arrays=arrays)
 
     def unpacked(self, *, threads: int = 1) -> Prepared:
         """Return the design as it was prepared."""

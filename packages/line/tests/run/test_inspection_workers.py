@@ -17,7 +17,7 @@ from prooflight.errors import ProoflightError, ScanError
 from prooflight.inspection.inspector import Inspector
 from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
-from prooflight_line.run.inspection_workers import InspectionWorkers, worker_count
+from prooflight_line.run.inspection_workers import InspectionWorkers, _Designs, worker_count
 from prooflight_line.run.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
@@ -105,6 +105,13 @@ def test_light_that_is_followed_reaches_the_workers(
     expected = alone.following(darker).inspect(renewed, scan, name="it", seed=1)
     assert second.evidence.values == expected.evidence.values
     assert second.evidence.values != first.evidence.values
+
+
+def test_designs_are_written_out_while_there_is_room(ready: PackedDesign, tmp_path: Path) -> None:
+    designs = _Designs(room_bytes=1.5 * ready.written_bytes)
+    written = designs._roomy(tmp_path / "1", ready)
+    assert written.written_bytes == 0
+    assert designs._roomy(tmp_path / "2", ready) is ready
 
 
 def test_a_worker_that_is_killed_costs_one_sheet(

@@ -29,6 +29,7 @@ from prooflight.errors import InputError, ProoflightError
 from prooflight.files.lock import WriterLock, writer_lives
 from prooflight.files.user_folders import user_folder
 from prooflight.inspection.prepared_store import PreparedStore
+from prooflight.pages.memory import available_bytes
 from prooflight.pages.parallel import KILLED, end_with_parent
 from prooflight.pages.process import settle_process
 
@@ -51,6 +52,10 @@ THREADS_A_WORKER: Final = 2
 A page calls a thousand kernels, and its thread needs the interpreter after each: on 16 processors, one process with 8
 threads inspected 10.7 sheets a second, 8 processes with 2 each 55 (docs/performance.md)."""
 INSPECTOR_FILE: Final = "inspector"
+WRITTEN_SHARE: Final = 0.25
+"""Share of the memory that is available at the start that all workers together use for designs whose arrays are
+written out. Writing them takes a sixth of an inspection's time. Assumed: packed designs may take half
+(``settings.DESIGNS_SHARE``), and the rest is for inspections."""
 
 
 def worker_count(threads: int, inspector: Inspector, *, source_waits: bool = False) -> int:
@@ -77,7 +82,7 @@ class InspectionWorkers:
         """
         self._folder, self._lock = _own_folder(user_folder("cache") / "workers")
         self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
-        self._workers = [_Worker() for _ in range(count)]
+        self._workers = [_Worker(written_share=WRITTEN_SHARE / count) for _ in range(count)]
         for worker in self._workers:
             self._free.put(worker)
         self._numbers, self._writing = itertools.count(), threading.RLock()
@@ -192,7 +197,8 @@ def _own_folder(base: Path) -> tuple[Path, WriterLock]:
 class _Worker:
     """One worker process, as the run sees it; used by one thread at a time."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, written_share: float) -> None:
+        self._written_share = written_share
         self._scan: SharedMemory | None = None
         self.process: SpawnProcess | None = None
 
@@ -224,7 +230,7 @@ class _Worker:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._link, end = context.Pipe()
-        self.process = context.Process(target=_work, args=(end,), daemon=True)
+        self.process = context.Process(target=_work, args=(end, self._written_share), daemon=True)
         self.process.start()
         end.close()
 
@@ -239,12 +245,16 @@ class _Worker:
         return self._scan
 
 
-def _work(link: Connection) -> None:
-    """Inspect sheets until the run closes the link."""
+def _work(link: Connection, written_share: float) -> None:
+    """Inspect sheets until the run closes the link.
+
+    written_share: share of the available memory for designs whose arrays are written out. [-]
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which inspects what has passed
     threading.Thread(target=end_with_parent, daemon=True).start()
     settle_process()
-    designs, scans = _Designs(), dict[str, SharedMemory]()
+    designs = _Designs(room_bytes=written_share * available_bytes())
+    scans = dict[str, SharedMemory]()
     while True:
         try:
             folder, design, name, shape, arguments = link.recv()
@@ -267,19 +277,24 @@ def _work(link: Connection) -> None:
 class _Designs:
     """Inspectors and designs that a worker has read."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, room_bytes: float) -> None:
+        """Keep designs, with arrays of at most ``room_bytes`` written out."""
+        self._room_bytes = room_bytes
         self._inspectors: dict[Path, SheetInspector] = {}
         self._designs: dict[Path, PackedDesign] = {}
         self._adapted: dict[Path, tuple[Path, PackedDesign]] = {}
         """By the file of each design the last inspector that used it, and the design in that one's light."""
+        self._written: dict[Path, int] = {}
+        """Memory of each design whose arrays are written out. [bytes]"""
 
     def get(self, folder: Path, file: Path) -> tuple[SheetInspector, PackedDesign]:
         """Return an inspector, and a design in its light."""
         inspector = self._inspector(folder)
         if file not in self._designs:
             for old in [one for one in self._designs if not one.exists()]:  # the run uses them no more
+                self._room_bytes += self._written.pop(old, 0)
                 del self._designs[old], self._adapted[old]
-            self._designs[file] = _loaded(file, self._inspector(file.parent))
+            self._designs[file] = self._roomy(file, _loaded(file, self._inspector(file.parent)))
             self._adapted[file] = file.parent, self._designs[file]
             gc.freeze()  # or each cyclic collection would visit all designs
         light, ready = self._adapted[file]
@@ -287,6 +302,17 @@ class _Designs:
             ready = inspector.renewed(self._designs[file])
             self._adapted[file] = folder, ready
         return inspector, ready
+
+    def _roomy(self, file: Path, design: PackedDesign) -> PackedDesign:
+        """Return a design with its arrays written out, if there is room.
+
+        None makes room for another: of designs that come in turn, the one used longest ago is needed next.
+        """
+        if (needed := design.written_bytes) > self._room_bytes:
+            return design
+        self._room_bytes -= needed
+        self._written[file] = needed
+        return design.written_out()
 
     def _inspector(self, folder: Path) -> SheetInspector:
         if folder not in self._inspectors:

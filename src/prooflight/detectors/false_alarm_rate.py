@@ -152,10 +152,10 @@ class Guarantee:
         if not self.reference:
             if not likeness.is_distinct:
                 return f"by count, from {pages}"
-            return f"by count, from {pages} alone: simulated pages can be distinguished from them ({p_value})"
+            return f"by count, from {pages} alone: simulated pages were distinguished from them ({p_value})"
         basis = "by count" if self.conformal else "extrapolated"
         return (
-            f"{basis}, from {pages} and {self.reference:,} simulated pages, which cannot be distinguished from them "
+            f"{basis}, from {pages} and {self.reference:,} simulated pages, which were not distinguished from them "
             f"({p_value}; pages that alarm {likeness.detectable(self.rate):.1f} times as often are distinguished 9 "
             f"times in 10); these {self.real} pages alone support one in {self.real + 1}"
         )

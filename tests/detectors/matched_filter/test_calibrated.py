@@ -113,7 +113,7 @@ def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) ->
         promise = calibrated(model, own=own, real=real).guarantee
         assert (promise.simulated, promise.real) == (60 - real, real)
         what = (
-            "60 real good pages of this press and 1,000 simulated pages, which were not told apart"
+            "60 real good pages of this press and 1,000 simulated pages, which were not distinguished"
             if real
             else "60 simulated good designs of this press and 1,000 of those that trained the ranking"
         )
@@ -128,7 +128,7 @@ def test_pages_unlike_simulated_ones_promise_no_more_than_they_support(model: De
     assert matched_filter.guarantee.likeness.is_distinct
     assert matched_filter.guarantee.rate == pytest.approx(1 / 41 / OF_RANKING)
     assert (matched_filter.threshold, matched_filter.guarantee.reference) == (own.max(), 0)
-    assert "from 40 real good pages of this press alone: simulated pages can be distinguished" in str(
+    assert "from 40 real good pages of this press alone: simulated pages were distinguished" in str(
         matched_filter.guarantee
     )
     assert "one in 100 was requested, and is refused" in str(matched_filter.guarantee)

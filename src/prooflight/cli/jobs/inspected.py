@@ -103,4 +103,4 @@ def _why(stopped: BaseException) -> str:
         return "the inspection was stopped before this page"
     if isinstance(stopped, (ProoflightError, OSError)):
         return f"the inspection ended early: {reason_of(stopped, of='inspecting')}"
-    return f"the inspection ended by an internal error: {type(stopped).__name__}"
+    return f"the inspection ended with an internal error: {type(stopped).__name__}"

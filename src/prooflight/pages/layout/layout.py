@@ -247,7 +247,7 @@ def _checked(layout: Layout) -> Layout:
         if layout.repeat:
             remedy = "leave it out: repeat puts one page at all positions"
     elif layout.sides == 1 and (layout.order != "alternate" or layout.backs != "upright"):
-        wrong, remedy = "order and backs apply only to sheets with two sides", "say sides=2"
+        wrong, remedy = "order and backs apply only to sheets with two sides", "state sides=2"
     elif layout.pages_a_set is not None and layout.pages_a_set % layout.pages_a_sheet:
         wrong = f"a set takes {_count(layout.pages_a_set, 'page')}, and a sheet {layout.pages_a_sheet}"
         remedy = f"give a multiple of {layout.pages_a_sheet}"

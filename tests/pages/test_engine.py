@@ -233,7 +233,7 @@ def test_ghostscript_draws_all_of_the_test_page_but_one_patch() -> None:
     """It paints Separation All on the plates of spot colours, too, and merges these: ISO 32000-2, 8.6.6.4."""
     found = differences(GHOSTSCRIPT, 300)
     assert len(found) == 1
-    assert found[0].startswith("Separation All comes to")
+    assert found[0].startswith("Separation All prints as")
     assert len(PATCHES) > 10
 
 

@@ -197,9 +197,9 @@ def test_purposes_stand_in_order_and_cannot_be_changed() -> None:
     ("seed", "purpose", "indices", "why"),
     [
         (1, "prints", (1,), "there is no stream 'prints'"),
-        (1, "print", (), r"'print' takes \('sheet',\) beside the seed, not \(\)"),
-        (1, "print", (1, 2), r"'print' takes \('sheet',\) beside the seed, not \(1, 2\)"),
-        (1, "session", (1,), r"'session' takes \(\) beside the seed"),
+        (1, "print", (), r"'print' takes \('sheet',\) in addition to the seed, not \(\)"),
+        (1, "print", (1, 2), r"'print' takes \('sheet',\) in addition to the seed, not \(1, 2\)"),
+        (1, "session", (1,), r"'session' takes \(\) in addition to the seed"),
         (None, "print", (1,), "'print' takes a seed"),
         (2011, "dither", (), "'dither' has a fixed seed"),
         (-1, "print", (1,), "'print' counts from 0"),

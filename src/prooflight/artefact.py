@@ -33,7 +33,7 @@ class Tensors:
         """Open a file; Damaged: it has another format. Misfit: it is larger than any of the project's."""
         size = path.stat().st_size
         if size > MOST_BYTES:
-            raise Misfit("file", f"is of {size >> 20} MiB, must be of {MOST_BYTES >> 20} at most")
+            raise Misfit("file", f"is {size >> 20} MiB large, must be at most {MOST_BYTES >> 20}")
         with path.open("rb") as file:
             header = int.from_bytes(file.read(8), "little")
         if not 0 < header <= min(MOST_HEADER_BYTES, size - 8):
@@ -52,7 +52,7 @@ class Tensors:
             with safe_open(self._path, framework="numpy") as file:
                 for name in file.keys():  # noqa: SIM118 - not a dict
                     if (kind := file.get_slice(name).get_dtype()) not in KINDS:
-                        raise Misfit(name, f"is of {kind}, which nothing of ours is")
+                        raise Misfit(name, f"is of type {kind}, which is not supported")
                     tensors[name] = file.get_tensor(name)
         except (SafetensorError, OverflowError, TypeError) as error:
             raise Damaged from error

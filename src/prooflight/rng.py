@@ -222,13 +222,13 @@ def stream(seed: int | None, purpose: str, *indices: int) -> np.random.Generator
 def seed_sequence(seed: int | None, purpose: str, *indices: int) -> list[int]:
     """Return the seed sequence of a stream; arguments and errors as of ``stream``."""
     if purpose not in PURPOSES:
-        raise ValueError(f"there is no stream {purpose!r}: choose of {', '.join(PURPOSES)}")
+        raise ValueError(f"there is no stream {purpose!r}: choose from {', '.join(PURPOSES)}")
     wanted = PURPOSES[purpose]
     if wanted.seeded != (seed is not None):
         needs = "takes a seed" if wanted.seeded else "has a fixed seed: give None"
         raise ValueError(f"stream {purpose!r} {needs}")
     if len(indices) != len(wanted.indices):
-        raise ValueError(f"stream {purpose!r} takes {wanted.indices} beside the seed, not {indices}")
+        raise ValueError(f"stream {purpose!r} takes {wanted.indices} in addition to the seed, not {indices}")
     numbers = [operator.index(number) for number in (indices if seed is None else (seed, *indices))]
     if any(number < 0 for number in numbers):
         raise ValueError(f"stream {purpose!r} counts from 0: {numbers}")

@@ -58,10 +58,10 @@ GOOD: dict[str, Any] = {"wave_nm": [380, 730], "reflectance": [[0.5, 0.5]]}
             '{"wave_nm": [380, ' + "9" * 100_000 + '], "reflectance": [[0.5, 0.5]]}',
             "wave_nm: holds a value that is not",
         ),
-        ('{"wave_nm": [380, 730], "reflectance": [[0, 0]], "reflectance": [[1, 1]]}', "stands there twice"),
+        ('{"wave_nm": [380, 730], "reflectance": [[0, 0]], "reflectance": [[1, 1]]}', "appears twice"),
         (json.dumps(GOOD | {"reflectance": [[True, 0.5]]}), "of numbers only"),
         (json.dumps(GOOD | {"reflectance": [[0.5, 0.5]] * 100_001}), "100001 colours"),
-        (json.dumps(GOOD | {"wave_nm": [-1e308, 1e308]}), "-1e+308 nm is no wavelength"),
+        (json.dumps(GOOD | {"wave_nm": [-1e308, 1e308]}), "-1e+308 nm is not a wavelength"),
         (json.dumps(GOOD | {"k" * 100_000: 1}), "kkk..."),
     ],
 )

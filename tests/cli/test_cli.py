@@ -182,7 +182,7 @@ def test_a_person_reads_tables(
     assert "good" in out
     shown = call(capsys, "press", "show", press)[1]
     assert "alpha" in shown
-    assert "as the press world's" in shown
+    assert "as in the press world" in shown
 
 
 def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[object], str]]:
@@ -209,7 +209,7 @@ def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[obje
         "learn untaught": (["press", "learn", press, job, job, "--good"], "press build --detector"),
         "inspect untaught": (
             ["inspect", job, job, "--press", press, "--detector", "matched_filter"],
-            "was not taught",
+            "was not trained for",
         ),
         "no scans": (["inspect", job, folder / "empty", "--press", press], "empty"),
         "narrow scan": (["inspect", job, folder / "narrow.tif", "--press", press], "100 pixels"),

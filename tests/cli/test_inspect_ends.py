@@ -139,7 +139,7 @@ def test_where_nothing_can_be_used_the_input_is_unusable(
 
 @pytest.mark.parametrize(
     ("error", "code", "names"),
-    [(KeyboardInterrupt(), 3, "was stopped before it"), (RuntimeError("odd"), 4, "RuntimeError")],
+    [(KeyboardInterrupt(), 3, "was stopped before this page"), (RuntimeError("odd"), 4, "RuntimeError")],
 )
 def test_verdicts_already_made_are_shown_whatever_ends_the_inspection(
     error: BaseException,

@@ -88,7 +88,7 @@ def test_what_is_stated_wrongly_ends_in_one_line(
     for given, message in (
         ((made / "scans", "--press", made / "x.press", "--tone", "srgb"), "add --scanner"),
         ((made / "scans", *scanner, "--tone", "bright"), "there is no tone"),
-        ((made / "scans", *scanner, "--scan-dpi", "3"), "no resolution of a scan"),
+        ((made / "scans", *scanner, "--scan-dpi", "3"), "not a resolution of a scan"),
         ((tmp_path, *scanner), "state it by --scan-dpi"),
         ((tmp_path / "none.pdf", *scanner), "no such file"),
     ):

@@ -68,7 +68,7 @@ def test_a_press_without_our_detector_tells_its_floor_alone(
     [
         (["--map", "map.png"], "--job"),
         (["--page", "1"], "--job"),
-        (["--job", "JOB"], "does not state what it would catch"),
+        (["--job", "JOB"], "does not state what it can detect"),
         (["--job", "JOB", "--page", "3", "--map", "map.png"], "no page 3"),
     ],
 )

@@ -188,7 +188,7 @@ def test_bad_input_is_named(placed: PlacedRecipes, chart: Path, scan: Path, tmp_
     other = tmp_path / "other.txt"
     shuffled = np.random.default_rng(9).permutation(len(placed.cmyk))
     write_recipes(other, replace(placed, cmyk=placed.cmyk[shuffled]))
-    with pytest.raises(ScanError, match="another chart's scan"):
+    with pytest.raises(ScanError, match="the scan is of another chart"):
         calibrate(other, [scan], name="x")
     grey = tmp_path / "grey.tif"
     write_scan(grey, scanned(placed)[:1], facts={})

@@ -361,7 +361,7 @@ def test_the_block_is_a_press_files_sensor(sensor: LineSensor, prototype: PressF
 def test_too_few_levels_say_what_to_record(sensor: LineSensor) -> None:
     bench = Bench(sensor, seed=13)
     for levels in [(2e4,), (2e4, 2.01e4, 2.02e4), (2e4, 4e4), (2e4, 3e5, 4e5)]:
-        with pytest.raises(ScanError, match="record even light at 8 or more levels"):
+        with pytest.raises(ScanError, match="record uniform light at 8 or more levels"):
             photon_transfer(bench.dark(), bench.flats(levels), top_code_dn=4095)
 
 

@@ -133,7 +133,7 @@ def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> N
     known = {page.name: page.digest for page in enough[: FEWEST_REAL - 1]}
     with pytest.raises(RequestError, match=f"{FEWEST_REAL - 1} good pages"):
         recalibrated(trained_press, enough, known, false_alarm_rate=0.1)
-    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):
+    with pytest.raises(RequestError, match="was not trained for 'matched_filter'"):
         recalibrated(press, enough, digests(enough), false_alarm_rate=0.1)
 
 
@@ -176,7 +176,7 @@ def test_copies_of_a_paper_add_up_until_they_suffice(trained_press: Press, tmp_p
     last = learned(artefact, trained_press, copies(trained_press, 3, pages=2))
     assert not last.waiting
     assert last.sentence == (
-        "20 pages learned (6 designs, 3 to 4 copies of each): they alone support no rarer alarm than one in 21 "
+        "20 pages learned (6 designs, 3 to 4 copies of each): by themselves they support no rate below one in 21 "
         "copies of these designs, and one in 7 pages of new designs"
     )
     assert not waiting_path(artefact).exists()

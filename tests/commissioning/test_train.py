@@ -57,7 +57,7 @@ def test_an_eighth_of_the_designs_teaches_scatter_and_no_other_does(designs: int
 
 
 def test_too_few_designs_are_refused() -> None:
-    with pytest.raises(RequestError, match=f"ask for {FEWEST} or more"):
+    with pytest.raises(RequestError, match=f"give {FEWEST} or more"):
         Plan.of(FEWEST - 1)
 
 

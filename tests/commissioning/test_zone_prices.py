@@ -53,7 +53,7 @@ def test_the_fewest_prints_are_enough_for_each_to_be_judged_by_the_others(rate: 
     others = prints - -(-prints // LEARNING) - 1
     _judge(others).rates(rate)
     if prints > 12:
-        with pytest.raises(RequestError, match="cannot say how careful areas do"):
+        with pytest.raises(RequestError, match="too few for careful areas"):
             _judge(others - 2).rates(rate)
 
 

@@ -53,7 +53,7 @@ def test_without_evidence_stopping_pays_when_misses_cost_more_than_false_alarms_
 
 @pytest.mark.parametrize("rate", [0.0, 1.0, -0.1, 1.1, float("nan")])
 def test_the_misprint_rate_lies_between_0_and_1(rate: float) -> None:
-    with pytest.raises(ValueError, match="misprint_rate must lie between 0 and 1"):
+    with pytest.raises(ValueError, match="misprint_rate must be between 0 and 1"):
         RunningCosts(misprint_rate=rate)
 
 

@@ -65,24 +65,24 @@ def test_a_promise_says_what_it_rests_on() -> None:
     assert by_count == "at most one good page in 100 alarms; by count, from 120 real good pages"
     both = str(Guarantee(rate=0.002, simulated=200, real=50, conformal=False))
     assert both == (
-        "at most one good page in 500 alarms; extrapolated: 50 real good pages and 200 simulated good designs promise "
-        "one in 251 by count, beyond that their tail is drawn on"
+        "at most one good page in 500 alarms; extrapolated: 50 real good pages and 200 simulated good designs support "
+        "one in 251 by count, and their tail beyond that"
     )
     others = str(Guarantee(rate=0.01, simulated=120, reference=1480, requested_rate=0.01))
     assert others == (
         "at most one good page in 100 alarms; by count, from 120 simulated good designs of this press and 1,480 of "
-        "those that taught the ranking"
+        "those that trained the ranking"
     )
     few = str(Guarantee(rate=0.01, simulated=0, real=38, reference=1480, requested_rate=0.01))
-    assert few.endswith("those that taught the ranking; these 38 pages alone support one in 39")
+    assert few.endswith("those that trained the ranking; these 38 pages alone support one in 39")
     further = str(Guarantee(rate=1e-4, simulated=0, real=19, reference=1480, conformal=False))
     assert (
-        "19 real good pages of this press and 1,480 of those that taught the ranking promise one in 1,500"
+        "19 real good pages of this press and 1,480 of those that trained the ranking support one in 1,500"
         in further
     )
     drawn = str(Guarantee(rate=0.001, simulated=200, conformal=False, requested_rate=1e-5))
-    assert "extrapolated: 200 simulated good designs promise one in 201 by count" in drawn
-    assert "one in 100,000 was asked for, and is refused" in drawn
+    assert "extrapolated: 200 simulated good designs support one in 201 by count" in drawn
+    assert "one in 100,000 was requested, and is refused" in drawn
 
 
 ONE_TO_NINE = GoodScores(worst=np.arange(1.0, 10.0))

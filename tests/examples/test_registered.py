@@ -106,7 +106,7 @@ def test_help_and_errors_name_it(site: Path, monkeypatch: pytest.MonkeyPatch, pr
     assert "squares" not in registry.names()
     monkeypatch.syspath_prepend(str(site))
     assert registry.names() == (*registry.BUILT_IN, "broken", "squares")
-    with pytest.raises(RequestError, match=r"choose of chi-square, .*squares"):
+    with pytest.raises(RequestError, match=r"choose from chi-square, .*squares"):
         registry.detector("circles", press)
     assert "squares" in command(site, "inspect", "--help").stdout
 
@@ -120,7 +120,9 @@ def test_a_package_that_is_broken_is_named_and_hinders_no_other(
     ):
         registry.detector("broken", press)
     assert registry.detector("chi-square", press).name == "chi-square"
-    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):  # and nobody takes our names
+    with pytest.raises(
+        RequestError, match="was not trained for 'matched_filter'"
+    ):  # and nobody takes our names
         registry.detector("matched_filter", press)
 
 

@@ -54,7 +54,7 @@ def test_what_is_no_ordinary_file_is_not_waited_for(tmp_path: Path) -> None:
     assert "is no ordinary file" in refused(tmp_path / "pipe")
     assert "is no ordinary file" in refused(tmp_path.joinpath("/dev/zero"))
     assert "is a folder" in refused(tmp_path)
-    assert "is no file name" in refused(tmp_path / "a\x00b")
+    assert "is not a file name" in refused(tmp_path / "a\x00b")
     with pytest.raises(FileNotFoundError):
         NOTES.read(tmp_path / "none")
 

@@ -17,7 +17,7 @@ def main() -> int:
     unknown = set(options.reader) - {target.name for target in TARGETS}
     if unknown:
         known = ", ".join(target.name for target in TARGETS)
-        sys.stderr.write(f"no such reader: {', '.join(sorted(unknown))}; choose of {known}\n")
+        sys.stderr.write(f"no such reader: {', '.join(sorted(unknown))}; choose from {known}\n")
         return 2
     seconds = options.seconds if options.seconds or options.mutants else 60.0
     tallies = fuzz(

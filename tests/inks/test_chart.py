@@ -79,7 +79,7 @@ def test_spectral_norm_counts_even_where_the_size_would_say_otherwise(
 
 @pytest.mark.parametrize("norm", ["0", "-100", "1e-300", "1e999", "many"])
 def test_a_norm_that_says_nothing(tmp_path: Path, chart_text: Text, norm: str) -> None:
-    with pytest.raises(ChartError, match=f"SPECTRAL_NORM says {norm}"):
+    with pytest.raises(ChartError, match=f"SPECTRAL_NORM is {norm}"):
         read(tmp_path, chart_text(PERCENT, SPECTRA, keywords=[f"SPECTRAL_NORM {norm}"]))
 
 
@@ -155,9 +155,9 @@ WRONG = {
     "few bands": ({"spectra": SPECTRA[:, :4], "wave_nm": WAVE_NM[:4]}, "spectra are missing"),
     "twice": (
         {"names": [f"nm{nm:.0f}" for nm in (380, *WAVE_NM[:-1])]},
-        "the column nm380 stands there twice",
+        "the column nm380 appears twice",
     ),
-    "patches missing": ({"sets": 6}, "NUMBER_OF_SETS says 6, the table has 5"),
+    "patches missing": ({"sets": 6}, "NUMBER_OF_SETS states 6, the table has 5"),
     "empty": ({"percent": PERCENT[:0], "spectra": SPECTRA[:0]}, "the chart has no patches"),
 }
 
@@ -174,7 +174,7 @@ def test_charts_that_cannot_be_used(tmp_path: Path, chart_text: Text, kind: str)
 @pytest.mark.parametrize("cell", ["nan", "NaN", "-inf", "N/A", '""'])
 def test_a_cell_that_is_no_number_is_named(tmp_path: Path, chart_text: Text, cell: str) -> None:
     text = chart_text(PERCENT, SPECTRA).replace(repr(float(SPECTRA[2, 7])), cell)
-    with pytest.raises(ChartError, match=r"line 10, column SPECTRAL_NM450: .* is no number"):
+    with pytest.raises(ChartError, match=r"line 10, column SPECTRAL_NM450: .* is not a number"):
         read(tmp_path, text)
 
 

@@ -164,10 +164,10 @@ def test_requests_that_cannot_be_met(tmp_path: Path) -> None:
 def test_recipe_files_of_others_are_refused(tmp_path: Path, files: ChartFiles) -> None:
     text = files.recipes.read_text()
     for before, after, message in (
-        ('PROOFLIGHT_LAYOUT\t"1"', 'PROOFLIGHT_LAYOUT\t"2"', "do not say where patches lie"),
-        ('PROOFLIGHT_GAP_MM\t"0.5"', 'PROOFLIGHT_GAP_MM\t"wide"', "do not say where patches lie"),
+        ('PROOFLIGHT_LAYOUT\t"1"', 'PROOFLIGHT_LAYOUT\t"2"', "do not state the positions of patches"),
+        ('PROOFLIGHT_GAP_MM\t"0.5"', 'PROOFLIGHT_GAP_MM\t"wide"', "do not state the positions of patches"),
         ("COLUMN\t", "COLUMNS\t", "the column COLUMN is missing"),
-        ("\n1\t1\t1\t1\t", "\n1\tA\t1\t1\t", "no numbers"),
+        ("\n1\t1\t1\t1\t", "\n1\tA\t1\t1\t", "not numbers"),
         ('PROOFLIGHT_GAP_MM\t"0.5"', 'PROOFLIGHT_GAP_MM\t"0.25"', "recipes.txt: chart layout: gap_mm = 0.25"),
         (
             'PROOFLIGHT_GAP_MM\t"0.5"',
@@ -177,7 +177,7 @@ def test_recipe_files_of_others_are_refused(tmp_path: Path, files: ChartFiles) -
         ("\n1\t1\t1\t1\t", "\n1\t1\t1\t1e9\t", "there is no row 1, column 1e.09 on a page 1"),
         ("\n1\t1\t1\t1\t", "\n1\t0\t1\t1\t", "there is no row 1, column 1 on a page 0"),
         ("\n1\t1\t1\t1\t", "\n1\t1\t1\t1.5\t", "there is no row 1, column 1.5 on a page 1"),
-        ("\n1\t1\t1\t1\t", "\n1\t1\t1\t2\t", "another patch lies on the same place"),
+        ("\n1\t1\t1\t1\t", "\n1\t1\t1\t2\t", "another patch is at the same position"),
         ("\n1\t1\t1\t1\t", "\n1\t1\t1\t1\t-", "C is -"),
     ):
         assert before in text

@@ -105,7 +105,7 @@ def test_a_multi_page_file_is_in_page_order(source: JobSource, scans: Path) -> N
 
 def test_a_scan_of_no_page_is_named(source: JobSource, scans: Path) -> None:
     scan_files(scans, "p0001", "p0004")
-    with pytest.raises(ScanError, match=r"p0004\.tif is no page of the job"):
+    with pytest.raises(ScanError, match=r"p0004\.tif is not in the job"):
         names_of(source, scans)
 
 
@@ -113,7 +113,7 @@ def test_all_scans_of_no_page_are_named_or_counted(source: JobSource, scans: Pat
     scan_files(scans, "p0001", "p0004", *[f"x{number}" for number in range(6)])
     with pytest.raises(ScanError) as refusal:
         names_of(source, scans)
-    assert "p0004.tif, x0.tif, x1.tif, x2.tif, x3.tif and 2 more are no page of the job" in str(refusal.value)
+    assert "p0004.tif, x0.tif, x1.tif, x2.tif, x3.tif and 2 more are not in the job" in str(refusal.value)
     assert "p0003" in str(refusal.value)
 
 

@@ -123,7 +123,7 @@ def test_files_make_no_objects_but_designs() -> None:
     import io
 
     for harmful in (os.system, eval, MemoryError):
-        with pytest.raises(pickle.UnpicklingError, match="is no part of a design"):
+        with pytest.raises(pickle.UnpicklingError, match="is not part of a design"):
             _Unpickler(io.BytesIO(pickle.dumps(harmful)), {}, [], "prooflight").load()
 
 

@@ -143,9 +143,7 @@ def test_our_detector_suspends_its_promise_once_in_words(
         assert bool(watch.suspended) == suspended
     assert said[0] < 30
     assert "(most of all: lines along the travel)" in watch.suspended
-    assert (
-        "look at 40 good pages and run `prooflight press learn X.press JOB SCANS --good`" in watch.suspended
-    )
+    assert "check 40 good pages and run `prooflight press learn X.press JOB SCANS --good`" in watch.suspended
 
 
 def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(

@@ -91,7 +91,7 @@ def test_where_nothing_can_be_written_a_temporary_folder_is_used_and_said(folder
     (folder / "home" / ".cache").write_text("nor here")
     first, again = call(folder), call(folder)
     place = folder / "tmp" / f"prooflight-kernels-{os.getuid()}"
-    assert f"compiled kernels are kept in {place}" in first.stderr
+    assert f"compiled kernels are stored in {place}" in first.stderr
     assert first.stdout.split()[0] == "42"
     assert again.stdout.split()[2] == "1"  # the next run finds them
     assert place.stat().st_mode & 0o077 == 0

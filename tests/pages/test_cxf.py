@@ -85,11 +85,11 @@ def test_another_grid_is_brought_to_ours() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "is no XML"),
+        ("", "is not XML"),
         ("<CxF/>", "holds no spectrum of the full ink"),
         ("<!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><CxF>&b;</CxF>", "declares a document type"),
-        (cxf(solid=spectrum(100 * ORANGE)), "has a reflectance factor that is none"),
-        (cxf(solid=spectrum(-ORANGE)), "has a reflectance factor that is none"),
+        (cxf(solid=spectrum(100 * ORANGE)), "has a value that is not a reflectance factor"),
+        (cxf(solid=spectrum(-ORANGE)), "has a value that is not a reflectance factor"),
         (cxf(solid=spectrum(ORANGE).replace("0.05", "red")), "a reflectance is"),
         (cxf(solid=spectrum(ORANGE[:10])), "of 380 to 470 nm, and 420 to 680 nm are needed"),
         (cxf(solid=spectrum(ORANGE, 'StartWL="inf"')), "StartWL is 'inf'"),

@@ -75,7 +75,7 @@ def rip(path: Path, engine: RipEngine | None = None, dpi: float = 72, **how: Any
     [
         ("mupdf", ("rip", *NAMED), 'goes with engine = "command"'),
         ("command", (), 'goes with engine = "command"'),
-        ("command", ("rip", "{pdf}", "{page}", "{out}"), "must say where {dpi} goes"),
+        ("command", ("rip", "{pdf}", "{page}", "{out}"), "must contain {dpi}"),
         ("command", ("rip", *NAMED, "{size}"), "names {size}"),
         ("command", ("", *NAMED), "must be a program"),
         ("command", ("rip", "a\0b", *NAMED), "zero byte"),
@@ -125,7 +125,7 @@ def test_a_front_end_that_fails_costs_its_page(
 @pytest.mark.parametrize(
     ("then", "said"),
     [
-        ("write_tiff(replace(page, dpi=dpi / 2), out)", "writes 36 dpi where 72 was asked for"),
+        ("write_tiff(replace(page, dpi=dpi / 2), out)", "writes 36 dpi where 72 was requested"),
         (
             "write_tiff(replace(page, cmyk=page.cmyk[:-3]), out)",
             "writes 100 x 97 pixels where what is printed of the page has 100 x 100",
@@ -200,7 +200,7 @@ def test_what_a_front_end_prints_is_a_warning(tmp_path: Path, write_pdf: WritePd
 def test_mupdf_draws_the_test_page_as_specified() -> None:
     for dpi in (300, 483.7):
         assert differences(RipEngine(), dpi) == ()
-    assert sentence(RipEngine(), 300, ()).endswith("as the PDF specification says")
+    assert sentence(RipEngine(), 300, ()).endswith("as the PDF specification requires")
 
 
 @pytest.mark.parametrize(
@@ -208,11 +208,11 @@ def test_mupdf_draws_the_test_page_as_specified() -> None:
     [
         (
             "page.cmyk[..., 0] //= 2; write_tiff(page, out)",
-            "cyan comes to 127 0 0 0 where 255 0 0 0 is right",
+            "cyan prints as 127 0 0 0, and should print as 255 0 0 0",
         ),
         (
             "page = replace(page, cmyk=np.roll(page.cmyk, 5, axis=1)); write_tiff(page, out)",
-            r"the left edge of its square lies \+[45].[0-9] pixels off",
+            r"the left edge of its square is \+[45].[0-9] pixels off",
         ),
         ("raise SystemExit(2)", "ends with exit code 2"),
         (
@@ -233,7 +233,7 @@ def test_ghostscript_draws_all_of_the_test_page_but_one_patch() -> None:
     """It paints Separation All on the plates of spot colours, too, and merges these: ISO 32000-2, 8.6.6.4."""
     found = differences(GHOSTSCRIPT, 300)
     assert len(found) == 1
-    assert found[0].startswith("Separation All comes to")
+    assert found[0].startswith("Separation All prints as")
     assert len(PATCHES) > 10
 
 

@@ -222,7 +222,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "truncated TIFF": (cut, "truncated"),
     "broken strip": (broken_strip, "cannot be read"),
-    "turned": (lambda path: write(path, noise(), extratags=[(274, "H", 1, 6, True)]), "stored turned"),
+    "turned": (lambda path: write(path, noise(), extratags=[(274, "H", 1, 6, True)]), "stored rotated"),
     "RGB JPEG": (jpeg_of("RGB"), "RGB, not CMYK"),
     "grey JPEG": (jpeg_of("L"), "L, not CMYK"),
     "JPEG without resolution": (lambda path: path.write_bytes(adobe_jpeg(smooth())), "states no resolution"),

@@ -23,5 +23,5 @@ def test_an_item_that_kills_its_process_costs_itself_alone() -> None:
 def test_where_nothing_stands_for_it_it_is_an_error_that_says_so() -> None:
     found = in_order(operator.call, ITEMS, processes=2, fewest=2)
     assert [next(found), next(found)] == [1, 2]
-    with pytest.raises(ProoflightError, match="killed, perhaps for want of memory"):
+    with pytest.raises(ProoflightError, match="killed, perhaps for lack of memory"):
         next(found)

@@ -173,7 +173,7 @@ def test_profiles_that_cannot_be_used(tmp_path: Path, write_pdf: Callable[..., P
     for data, what in (
         (b"", "not an ICC profile"),
         (rgb, "the profile is for RGB, not CMYK"),
-        (hollow[:-1], f"{len(rgb) - 1} bytes where its header says {len(rgb)}"),
+        (hollow[:-1], f"{len(rgb) - 1} bytes where its header states {len(rgb)}"),
         (hollow, "cannot convert colours to CMYK"),
     ):
         profile.write_bytes(data)
@@ -272,6 +272,6 @@ def test_what_pages_say_of_places_is_asked_of_pages_and_not_of_sides(write_pdf: 
         assert job.marks(1) is not None
     with (
         JobSource(path=path, dpi=100.0, layout=Layout(sides=2)).open() as laid,
-        pytest.raises(RequestError, match="says nothing of places; open the job without a layout"),
+        pytest.raises(RequestError, match="has no marked places; open the job without a layout"),
     ):
         laid.marks(1)

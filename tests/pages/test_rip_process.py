@@ -145,7 +145,9 @@ def test_opening_and_measuring_have_limits_as_well(
 @pytest.mark.parametrize("text", ["soon", "0", "-1", "nan", "inf"])
 def test_a_limit_that_is_none(write_pdf: WritePdf, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     monkeypatch.setenv(rip_process.SECONDS, text)
-    with pytest.raises(RequestError, match=r"PROOFLIGHT_RIP_SECONDS: .* is no limit; give a number above 0"):
+    with pytest.raises(
+        RequestError, match=r"PROOFLIGHT_RIP_SECONDS: .* is not a limit; give a number above 0"
+    ):
         PdfJob(write_pdf(SQUARE))
 
 
@@ -254,7 +256,7 @@ BOXES = {
     "a name": ("/MediaBox/A4", "page 1 has a MediaBox that is not of four numbers"),
     "flat": ("/MediaBox[0 0 100 0]", "page 1 has a MediaBox of 100 x 0 points"),
     "huge": ("/MediaBox[0 0 99999999 100]", r"page 1 has a MediaBox of 1e\+08"),
-    "crop beside": ("/MediaBox[0 0 9 9]/CropBox[50 50 60 60]", "page 1 has a CropBox beside its MediaBox"),
+    "crop beside": ("/MediaBox[0 0 9 9]/CropBox[50 50 60 60]", "page 1 has a CropBox outside its MediaBox"),
     "crop of words": ("/MediaBox[0 0 9 9]/CropBox[(0)(0)(9)(9)]", "CropBox that is not of numbers"),
     "turned by 45": ("/MediaBox[0 0 9 9]/Rotate 45", "page 1 is to be turned by 45 degrees"),
     "unit": ("/MediaBox[0 0 9 9]/UserUnit 0", "page 1 has a UserUnit of 0"),
@@ -298,7 +300,7 @@ def test_resolutions_that_are_none(write_pdf: WritePdf) -> None:
 def test_a_pipe_is_no_job(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "p0001.pdf")
     for path in (tmp_path / "p0001.pdf", tmp_path):
-        with pytest.raises(JobError, match=r"p0001\.pdf: is no file"):
+        with pytest.raises(JobError, match=r"p0001\.pdf: is not a file"):
             JobSource(path=path, dpi=72).open()
 
 
@@ -308,5 +310,5 @@ def test_a_link_to_nothing_is_not_passed_over(tmp_path: Path, write_pdf: WritePd
     write_pdf(SQUARE).rename(folder / "p0001.pdf")
     (folder / "p0002.pdf").symlink_to(tmp_path / "gone.pdf")
     (folder / "more.pdf").mkdir()  # folders are no pages
-    with pytest.raises(JobError, match=r"p0002\.pdf: is a link to nothing"):
+    with pytest.raises(JobError, match=r"p0002\.pdf: is a broken link"):
         JobSource(path=folder, dpi=72).open()

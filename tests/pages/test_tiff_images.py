@@ -127,13 +127,13 @@ READERS: dict[Callable[[], bytearray], Callable[[Path], object]] = {
 @pytest.mark.parametrize(
     ("make", "what"),
     [
-        (circle, "lead in a circle"),
+        (circle, "form a loop"),
         (endless, f"more than {IMAGES_MAX} images"),
-        (shared_tiles, r"40000 x 40000 pixels need|over one another"),
-        (overlapping, "over one another"),
+        (shared_tiles, r"40000 x 40000 pixels need|pieces of its image overlap"),
+        (overlapping, "pieces of its image overlap"),
         (huge_tile, "tiles are larger than its image"),
         (many_values, "tag 273 holds 4294967295 values|truncated"),
-        (jpeg_within, "a JPEG of 65000 x 65000 pixels lies in a smaller strip"),
+        (jpeg_within, "a JPEG of 65000 x 65000 pixels is in a smaller strip"),
         (two_widths, "tag 256 holds 2 values"),
         (no_width, "0 x 8 pixels"),
         (other_compression, "compression 34712"),

@@ -160,7 +160,7 @@ def test_zones_are_in_force_on_the_press_and_as_they_were_priced_alone() -> None
 def test_an_overlap_of_careful_and_ignored_says_which_counts() -> None:
     zones = JobZones.create([entry(), entry("strip", "ignore", (0.0, 0.0, 148.0, 15.0))], [A5] * 2)
     assert zones.contested() == [
-        "page 1: the careful zone 'z' overlaps the ignored 'strip'; there, careful counts"
+        "page 1: the careful zone 'z' overlaps the ignored 'strip'; there, careful applies"
     ]
 
 

@@ -158,7 +158,7 @@ def test_what_prediction_cannot_meet_is_a_warning(rgb: Press, file: PressFile) -
     vivid = np.where((np.arange(36) > 12) & (np.arange(36) < 20), 0.95, 0.01)  # green that no CMYK prints
     beyond = printed(with_unit(rgb, file, SpotUnit.of(ink(vivid))))
     assert beyond.light_off > 0.02
-    assert "no mixture of process inks gives this camera its light" in beyond.warnings[0]
+    assert "no mixture of process inks gives this camera its signal" in beyond.warnings[0]
     white = file.inks().reflectance(np.array([0.1, 0.1, 0.1, 0]))
     (said,) = printed(with_unit(rgb, file, SpotUnit.of(ink(white, on_black=0.8 * white)))).warnings
     assert said.startswith("it is opaque (0.80)")

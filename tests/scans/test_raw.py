@@ -126,14 +126,14 @@ def test_a_stream_of_another_camera_is_refused_by_name() -> None:
     text = refused(framed(wide), framed=True)
     assert f"{PIXELS + 1} pixels" in text
     assert f"{PIXELS} pixels" in text
-    assert "no header" in refused(plain(lines(30)), framed=True)
+    assert "not the header" in refused(plain(lines(30)), framed=True)
 
 
 def test_a_header_that_asks_for_gigabytes_is_refused_before_its_lines_come() -> None:
     wide = 8192
     head = HEADER.pack(b"PLLB", SENSORS, wide, 1 << 16, 0, 0.0)
     source = RawLines(io.BytesIO(head), name="stream", sensors=SENSORS, pixels=wide, framed=True)
-    with pytest.raises(ScanError, match="no header"):
+    with pytest.raises(ScanError, match="not the header"):
         next(iter(source.blocks()))
 
 
@@ -221,6 +221,6 @@ def test_faults_travel_with_the_block_that_they_precede() -> None:
     found = list(source(io.BytesIO(framed(*sent)), framed=True).blocks())
     assert [(block.first_line, block.faults) for block in found] == [(0, ()), (100, (lost, away))]
     cut = framed(sent[1])[: HEADER.size + 5]
-    assert "ends within the words of a fault" in refused(cut, framed=True)
+    assert "ends within the text of a fault" in refused(cut, framed=True)
     unknown = HEADER.pack(b"PLLF", 99, 0, 1, 0, 0.0)
-    assert "is no header of a block" in refused(unknown, framed=True)
+    assert "is not the header of a block" in refused(unknown, framed=True)

@@ -97,7 +97,7 @@ def test_a_resolution_is_the_files_or_the_users_or_refused(tmp_path: Path) -> No
         read(path)
     (scan,) = read(path, ScannerSettings(dpi=200))
     assert scan.dpi == (200, 200)
-    with pytest.raises(RequestError, match="no resolution of a scan"):
+    with pytest.raises(RequestError, match="not a resolution of a scan"):
         ScannerSettings(dpi=3)
 
 

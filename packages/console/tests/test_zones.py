@@ -73,7 +73,7 @@ def test_zones_beside_a_job_are_listed_with_their_price_and_drawn(tmp_path: Path
         assert "price calculated from 90 good prints" in text
         assert "0.8 mm" in text
         assert "not detected" in text
-        assert "careful counts" in text  # where the two overlap
+        assert "careful applies" in text  # where the two overlap
         drawn = viewer.get("/setup/zones/1/picture")
         assert drawn.content.startswith(b"\x89PNG")
         assert viewer.get("/setup/zones/2/picture").status_code == 404

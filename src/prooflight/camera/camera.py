@@ -112,7 +112,7 @@ class Camera:
     def white_mtf(self, sensor: LineSensor, frequency_per_mm: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the lens's MTF (...) for white paper's photo-electrons, weighted by light x QE.
 
-        frequency_per_mm: (...) [cycles/mm on the sensor]. NaN if ``sensor`` sees nothing of this light.
+        frequency_per_mm: (...) [cycles/mm on the sensor]. NaN if ``sensor`` is not sensitive to this light.
         """
         weight = self.light.radiance_photons * sensor.quantum_efficiency
         mtf = self.lens.mtf(frequency_per_mm[..., None], wave_nm=spectra.WAVE_NM)

@@ -44,7 +44,7 @@ def parse_reflectances(text: str, *, where: object) -> NDArray[np.float64]:
         raise RequestError(where, what, remedy=f"give at most {MOST_COLOURS} at a time")
     wave = _numbers(given["wave_nm"], 1, where=f"{where}: wave_nm")
     if wave.min() <= 0 or wave.max() > _LONGEST_NM:
-        what = f"wave_nm: {float(wave.min() if wave.min() <= 0 else wave.max()):g} nm is no wavelength"
+        what = f"wave_nm: {float(wave.min() if wave.min() <= 0 else wave.max()):g} nm is not a wavelength"
         raise RequestError(where, what, remedy="give wavelengths in nanometres")
     reflectance = _numbers(given["reflectance"], 2, where=f"{where}: reflectance")
     if reflectance.shape[1] != wave.size:
@@ -65,7 +65,7 @@ def parse_reflectances(text: str, *, where: object) -> NDArray[np.float64]:
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     members = dict(pairs)
     if len(members) < len(pairs):
-        message = "a name stands there twice"
+        message = "a name appears twice"
         raise ValueError(message)
     return members
 

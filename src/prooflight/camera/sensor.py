@@ -78,7 +78,7 @@ class LineSensor:
             message = f"bits must be at most {LARGEST_BITS}, got {self.bits}"
             raise ValueError(message)
         if (self.quantum_efficiency < 0).any() or (self.quantum_efficiency > 1).any():
-            message = "quantum_efficiency must lie in 0..1"
+            message = "quantum_efficiency must be in 0..1"
             raise ValueError(message)
 
     @property

@@ -44,7 +44,7 @@ def sharpness(
     elif (camera.light.radiance_photons * sensor.quantum_efficiency).any():
         lens = camera.white_mtf(sensor, frequency)
     else:
-        message = f"sensor {sensor.name} sees nothing of this light"
+        message = f"sensor {sensor.name} is not sensitive to this light"
         raise ValueError(message)
     per_pixel = frequency * (sensor.pixel_pitch_um * 1e-3)
     across = lens * np.abs(np.sinc(per_pixel))

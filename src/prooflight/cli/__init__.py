@@ -70,7 +70,7 @@ def run(arguments: list[str] | None = None) -> int:
             return _unusable(f"{plain(error.filename or 'system')}: {error.strerror or error}")
         except MemoryError as error:
             return _unusable(
-                f"memory ran out ({error or 'nothing is left'}); lower the resolution, or close others"
+                f"memory ran out ({error or 'nothing is left'}); lower the resolution, or close other programs"
             )
         except Exception:
             log.exception("this is a fault of Prooflight itself")

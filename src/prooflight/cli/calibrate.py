@@ -105,7 +105,7 @@ def _sensors(calibration: Calibration) -> list[dict[str, Any]]:
 
 def _table(calibration: Calibration) -> Table:
     aside = sum(not patch.used for patch in calibration.patches)
-    title = f"{len(calibration.patches)} patches read, {aside} set aside; residuals in a pixel's sigma"
+    title = f"{len(calibration.patches)} patches read, {aside} excluded; residuals in a pixel's sigma"
     headings = ("sensor", "white [DN]", "black [DN]", "sigma [DN]", "residual", "left out")
     table = show.table_of(title, headings, text_columns=("sensor",))
     for row in _sensors(calibration):

@@ -48,7 +48,7 @@ def score(
         trial, scores, why = choice.best, choice.scores, choice.why
     else:
         trial = cross_validate(measured, model, folds=folds)
-        scores, why = {trial.model: trial.score}, f"{model}: as asked"
+        scores, why = {trial.model: trial.score}, f"{model}: as requested"
     if report is not None:
         from prooflight.reporting.chart_report import write_chart_report
 
@@ -129,7 +129,7 @@ def _make_ruler(out: Path, size: str, *, json: bool) -> None:
     try:
         width_mm, height_mm = (float(part) for part in size.lower().split("x"))
     except ValueError:
-        what = f"{shortly(size)!r} is no width and height"
+        what = f"{shortly(size)!r} is not a width and a height"
         raise RequestError("--size", what, remedy="write e.g. 210x297") from None
     layout = RulerLayout(width_mm=width_mm, height_mm=height_mm)
     path = out / "ruler.pdf"

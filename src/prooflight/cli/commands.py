@@ -67,7 +67,9 @@ LISTED: Final = {
         package=LINE, what="Verify the signed package of a run, and compute its verdicts again."
     ),
     "records": Listed(package=LINE, what="Bring journals of many presses into one PostgreSQL database."),
-    "doctor": Listed(package=LINE, what="Say what this machine lacks, and how fast an inspection is."),
+    "doctor": Listed(
+        package=LINE, what="Check what this machine lacks, and measure the speed of an inspection."
+    ),
     "backup": Listed(package=LINE, what="Back up a journal and all that belongs to it, while runs go on."),
     "restore": Listed(package=LINE, what="Verify a backup, and restore it; nothing is overwritten."),
     "serve": Listed(package=CONSOLE, what="Serve the console in a browser; manage its users."),

@@ -108,9 +108,7 @@ def print_sheets(
     sets = [one for one in spoiled if not isinstance(one, SheetVerdict)]
     if sheets:
         text_columns = ("name", "verdict", "bad pages", "why")
-        table = show.table_of(
-            "Sheets to look at", ("sheet", "copy", *text_columns), text_columns=text_columns
-        )
+        table = show.table_of("Sheets to check", ("sheet", "copy", *text_columns), text_columns=text_columns)
         for one in sheets[-last if last else 0 :]:
             table.add_row(
                 str(one.sheet),
@@ -123,7 +121,7 @@ def print_sheets(
         show.people.print(table)
     if sets:
         of_sets = ("verdict", "why")
-        table = show.table_of("Sets to look at", ("set", *of_sets), text_columns=of_sets)
+        table = show.table_of("Sets to check", ("set", *of_sets), text_columns=of_sets)
         for own in sets[-last if last else 0 :]:
             style = show.VERDICT_STYLE[own.verdict]
             table.add_row(str(own.set_number), Text(own.verdict, style=style), "; ".join(own.why))

@@ -21,7 +21,7 @@ LayoutOption = Annotated[
     typer.Option(
         "--layout",
         metavar="WORDS",
-        help="Imposition of pages on sheets, e.g. sides=2,n-up=2x1,pages-a-set=8; default a page a sheet.",
+        help="Imposition of pages on sheets, e.g. sides=2,n-up=2x1,pages-a-set=8; default one page per sheet.",
     ),
 ]
 Detector = Annotated[

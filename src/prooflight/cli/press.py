@@ -37,8 +37,8 @@ TRAINED = {"none": (), "quick": ("matched_filter",), "full": ("matched_filter", 
 """Detectors that each way of training trains."""
 
 OWN_RIP_IS_BEST = (
-    'For jobs of PDFs the press\'s own RIP is the best answer, by [rip] engine = "command", or its rasters as the job; '
-    "none is stated here, so edges are expected within a pixel of 600 dpi"
+    'For PDF jobs, state the press\'s own RIP by [rip] engine = "command", or give its rasters as the job; '
+    "no RIP is stated here, so that edges are expected within a pixel of 600 dpi"
 )
 
 Artefact = Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")]
@@ -90,7 +90,7 @@ def build(
     from prooflight.rng import stream
 
     if detector not in TRAINED and detector not in names():
-        remedy = f"choose of {', '.join((*TRAINED, *names()))}"
+        remedy = f"choose from {', '.join((*TRAINED, *names()))}"
         raise RequestError("detector", f"there is no {shortly(detector)!r}", remedy=remedy)
     wanted = TRAINED.get(detector, (detector,))
     functions = training_functions(wanted)
@@ -160,7 +160,7 @@ def _rip_differences(press: Press, *, quiet: bool) -> tuple[str, ...] | None:
 
     if find_spec("pymupdf") is None:
         return None
-    show.steps(quiet=quiet)(f"having {press.rip_engine.name} draw a test page")
+    show.steps(quiet=quiet)(f"drawing a test page with {press.rip_engine.name}")
     return differences(press.rip_engine, drawn_dpi(press))
 
 
@@ -223,7 +223,7 @@ def learn(
 ) -> None:
     """Calibrate the matched-filter detector for this press by its real good pages, so that they do not alarm."""
     if not good:
-        raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
+        raise RequestError("learn", "learns from good pages alone", remedy="check them, and add --good")
     with _alone(artefact):
         _learn(artefact, job, scans, guaranteed_pages=promise, out=out, profile=profile, json=json)
 
@@ -243,7 +243,7 @@ def _alone(artefact: Path) -> Iterator[None]:
         artefact,
         error=RequestError,
         wait="wait until the other call has ended, then give these pages again",
-        elsewhere="give an artefact in a folder where files can be written",
+        elsewhere="give an artefact in a writable folder",
     )
     try:
         yield
@@ -279,7 +279,7 @@ def _learn(
         ]
     work = ScanPage(InspectPage(job=source, inspector=inspector))
     rows = in_order(work, pairs)
-    seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
+    seen = list(rows if json else show.progress(rows, total=len(pairs), what="analysing good pages"))
     done = learn_pages(
         artefact,
         press,
@@ -309,7 +309,7 @@ def _learn(
         f"{done.sentence}."
     )
     if done.waiting:
-        show.people.print(show.strong(artefact), "is as it was; the pages wait next to it.")
+        show.people.print(show.strong(artefact), "is unchanged; the pages are stored next to it.")
         return
     show.people.print(f"Now: {facts['promise']}")
     show.people.print(show.strong(out or artefact), f"written, digest {done.press.digest[:16]}")
@@ -392,15 +392,15 @@ def _print_learned(rows: list[StatedAndLearned]) -> None:
         if row.remark:
             show.people.print(f"{' + '.join(row.names)}: {row.remark}")
     show.people.print(
-        "Amounts with a + are what pages of one session show together. Intervals hold nine times in ten, were pages "
-        "independent; what a session's pages share is drawn once a session. sigma_error: its greatest factor."
+        "Amounts joined by + can only be measured in sum. Intervals are at 90 %, for independent "
+        "pages, but pages of one session share some amounts. sigma_error: its greatest factor."
     )
 
 
 def _in_lines(value: Any) -> str:
     if not isinstance(value, dict):
         return str(value)
-    return "\n".join(f"{name}: {one}" for name, one in value.items()) or "as the press world's"
+    return "\n".join(f"{name}: {one}" for name, one in value.items()) or "as in the press world"
 
 
 def _facts(press: Press) -> dict[str, Any]:

@@ -44,13 +44,13 @@ def rip_model(
         typer.Option(metavar="SCANS", help="Scans of good prints of it; again for each further copy."),
     ] = None,
     press: Annotated[
-        Path | None, typer.Option(metavar="X.press", help="With --scans: the press that they are of.")
+        Path | None, typer.Option(metavar="X.press", help="With --scans: the press that printed them.")
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="NEW.toml", help="Where to write the press file with its [rip]."),
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Write over a file that exists.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
     test_page: Annotated[
         Path | None,
         typer.Option(metavar="TEST.pdf", help="Write a page with edges, hairlines and tints of every ink."),
@@ -85,14 +85,14 @@ def rip_model(
         identified = _from_scans(job, scans, press)
     else:
         raise RequestError(
-            "rip-model", "--scans needs the press that they are of", remedy="add --press X.press"
+            "rip-model", "--scans needs the press that printed them", remedy="add --press X.press"
         )
     for sentence in identified.sentences:
         show.people.print(sentence)
     if out is not None:
         if identified.model == UNSTATED:
-            what = "has no edges by which anything could be identified"
-            raise RequestError(job, what, remedy="take the page that --test-page writes")
+            what = "has no edges from which the RIP could be identified"
+            raise RequestError(job, what, remedy="use the page that --test-page writes")
         _write(settings, identified.model, out)
         show.people.print(show.strong(out), "written: build the press from it")
 

@@ -58,7 +58,7 @@ class PlainConsole(Console):
 people = PlainConsole()
 errors = PlainConsole(stderr=True)
 
-WIDER = "tolerances as wide: of pages with more colours than the fit follows"
+WIDER = "tolerances as wide, on pages with more colours than the fit can follow"
 VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yellow"}
 
 

@@ -30,7 +30,7 @@ class OnTint:
 
 
 def on_tints(press: Press) -> list[OnTint]:
-    """Return a row for each of ``TINTS``; none if the press's detector does not state what it would catch."""
+    """Return a row for each of ``TINTS``; none if the press's detector does not state what it can detect."""
     from prooflight.detectors.optional import ShowsVisibleMarks
     from prooflight.detectors.registry import detector
 
@@ -69,7 +69,7 @@ def on_page(
 
     inspector = Inspector.of(press)
     if not isinstance(inspector.detector, ShowsVisibleMarks):
-        what = f"{inspector.detector.name!r} of press {press.name} does not state what it would catch"
+        what = f"{inspector.detector.name!r} of press {press.name} does not state what it can detect"
         raise RequestError(
             "--job", what, remedy="build the press with `prooflight press build --detector quick`"
         )
@@ -112,5 +112,5 @@ def page_number(job: Path | None, page: int | None, picture: Path | None) -> int
     """Return the requested page; RequestError if one is requested without a job."""
     for option, given in (("--page", page), ("--map", picture)):
         if job is None and given is not None:
-            raise RequestError(option, "needs the job that the page is of", remedy="give --job JOB")
+            raise RequestError(option, "needs the job that contains the page", remedy="give --job JOB")
     return page or 1

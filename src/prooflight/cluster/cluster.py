@@ -215,7 +215,7 @@ class Cluster:
         if killed is not None:
             return _Ended(place=sent.place, result=killed(sent.item))
         what = f"item {sent.place + 1} ended its worker {DEATHS} times"
-        remedy = "give workers more memory; what was done before is stored"
+        remedy = "give workers more memory; finished work is stored"
         return _Ended(place=sent.place, error=RequestError(f"cluster {self.where}", what, remedy=remedy))
 
     def _bring(self, lacking: Lacking, order: Order) -> None:
@@ -256,5 +256,5 @@ class Cluster:
         return self._addresses
 
     def _lost(self, what: str) -> RequestError:
-        remedy = "start it again, and repeat the command: what was done before is stored"
+        remedy = "start it again, and repeat the command: finished work is stored"
         return RequestError(f"cluster {self.where}", what, remedy=remedy)

@@ -87,7 +87,7 @@ def _await_workers(client: Client, number: int, where: str) -> None:
         client.wait_for_workers(number, timeout=START_S)
     except TimeoutError as error:
         what = f"its workers did not start within {START_S} s"
-        raise RequestError(f"cluster {where}", what, remedy="ask for fewer") from error
+        raise RequestError(f"cluster {where}", what, remedy="request fewer workers") from error
 
 
 def _local(where: str) -> int | None:

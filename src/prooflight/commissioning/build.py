@@ -216,7 +216,7 @@ def _refuse_columns(press_file: PressFile, camera: Camera, columns: Sequence[Col
     if given != wanted:
         what = f"describes sensors of {wanted} pixels, columns were measured of {given}"
         raise PressFileError(
-            press_file.path, what, remedy="set this camera up anew, or build without --columns"
+            press_file.path, what, remedy="set this camera up again, or build without --columns"
         )
 
 

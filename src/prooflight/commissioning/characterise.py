@@ -38,7 +38,7 @@ XYZ_TO_LINEAR_SRGB = np.array(  # IEC 61966-2-1
 )
 RANDOM_RECIPES = 20_000
 PROTOCOLS: Final = GivenFiles(
-    error=RequestError, remedy="give the protocol of a set-up, or delete it to begin anew", largest_mb=64
+    error=RequestError, remedy="give the protocol of a set-up, or delete it to start over", largest_mb=64
 )
 LEAST_GAIN: Final = 0.02
 """Least gain of a column over the mean of all: one that sees less is dead or covered."""
@@ -271,7 +271,7 @@ def measured_columns(path: Path, camera: Camera) -> list[ColumnCalibration]:
     except (ValueError, TypeError, KeyError) as error:
         raise RequestError(path, "is no protocol of a set-up", remedy=PROTOCOLS.remedy) from error
     if not fit:
-        what = "holds no columns of a camera, or some that see no light"
+        what = "holds no columns of a camera, or columns without signal"
         raise RequestError(path, what, remedy="repeat the steps dark and flat of `prooflight camera set-up`")
     shade = float(camera.column_light().mean())
     return [

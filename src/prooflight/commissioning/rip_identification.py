@@ -269,11 +269,13 @@ def identified_from_rasters(
     sentences = []
     if fill is not None:
         sentences.append(
-            f"The RIP fills pixels by the rule {fill}: edges then lie within {tried[fill][1]:.2f} pixels of those "
+            f"The RIP fills pixels by the rule {fill}: its edges are then within {tried[fill][1]:.2f} pixels of those "
             f"that are drawn, by {order[1]} within {tried[order[1]][1]:.2f}."
         )
     elif is_own_engine:
-        sentences.append("These pages do not show by which rule the RIP fills pixels: rules fit them alike.")
+        sentences.append(
+            "These pages do not show by which rule the RIP fills pixels: several rules fit them equally well."
+        )
     more = _stated(tried[best][0], 25400 / dpi)
     return Identified(model=RipModel(fill=fill, **more[0]), sentences=(*sentences, *more[1]))
 
@@ -298,7 +300,7 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
     """Return fields of ``RipModel``, and sentences of what was found of each ink."""
     identified = {ink: one for ink, one in enumerate(inks) if one is not None}
     sentences = [
-        f"{INK_NAMES[ink].capitalize()} has no edges by which its growth could be told: taken as 0, within a pixel."
+        f"{INK_NAMES[ink].capitalize()} has no edges that show its growth: it is assumed to be 0, within a pixel."
         for ink in range(INKS)
         if ink not in identified
     ]
@@ -310,7 +312,7 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
         verb = "grows" if growth[ink] >= 0 else "shrinks"
         sentences.append(
             f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and "
-            f"its edges lie within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
+            f"its edges are within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
         )
     tiles = np.array([one.tiles for one in identified.values()], float)
     edge = float(np.sqrt(np.average([one.edge_sd**2 for one in identified.values()], weights=tiles)))

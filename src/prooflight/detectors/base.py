@@ -258,7 +258,7 @@ class ContextDetector:
 
     def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``; a detector that stores no evidence cannot repeat a decision."""
-        raise stored.refusal("holds nothing to decide by")
+        raise stored.refusal("contains no data for a decision")
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,5 +293,5 @@ class StoredArrays:
 
     def refusal(self, what: str) -> RequestError:
         """Return an error that states why the evidence cannot be judged."""
-        what = f"{what}, which {self.detector} looks at"
-        return RequestError("evidence", what, remedy="only what the run kept can be replayed")
+        what = f"{what}, which {self.detector} needs"
+        return RequestError("evidence", what, remedy="only stored evidence can be replayed")

@@ -33,7 +33,7 @@ class RunningCosts:
 
     def __post_init__(self) -> None:
         if not 0 < self.misprint_rate < 1:
-            message = f"misprint_rate must lie between 0 and 1, got {self.misprint_rate}"
+            message = f"misprint_rate must be between 0 and 1, got {self.misprint_rate}"
             raise ValueError(message)
         for field in ("false_alarm_cents", "missed_misprint_cents"):
             if not getattr(self, field) > 0:

@@ -95,7 +95,7 @@ def conformal_threshold(
     worst = GoodScores.of(score, design).worst
     rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
     if rank > len(worst):
-        message = f"{len(worst)} designs cannot promise less than {least_false_alarm_rate(len(worst)):.2g}"
+        message = f"{len(worst)} designs cannot support a rate below {least_false_alarm_rate(len(worst)):.2g}"
         raise ValueError(message)
     return float(worst[rank - 1])
 
@@ -128,21 +128,23 @@ class Guarantee:
         if self.label_source:
             return f"{odds}; by count, from {self.label_source}"
         if 0 < self.requested_rate < self.rate * (1 - 1e-9):
-            odds += f" (one in {1 / self.requested_rate:,.0f} was asked for, and is refused)"
+            odds += f" (one in {1 / self.requested_rate:,.0f} was requested, and is refused)"
         if self.likeness is not None:
             return f"{odds}; {self._of_real_pages(self.likeness)}{self._of_kinds}"
         sources = [f"{self.real} real good pages"] if self.real else []
         sources += [f"{self.simulated} simulated good designs"] if self.simulated else []
         basis = " and ".join(sources)
         if self.reference:
-            basis += f" of this press and {self.reference:,} of those that taught the ranking"
+            basis += f" of this press and {self.reference:,} of those that trained the ranking"
         if self.conformal:
             if 0 < self.real < 1 / self.rate - 1:
                 # Real pages need not be exchangeable with those of the presses that trained the ranking.
                 basis += f"; these {self.real} pages alone support one in {self.real + 1}"
             return f"{odds}; by count, from {basis}"
         least = 1 / least_false_alarm_rate(self.simulated + self.real + self.reference)
-        return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"
+        return (
+            f"{odds}; extrapolated: {basis} support one in {least:,.0f} by count, and their tail beyond that"
+        )
 
     def _of_real_pages(self, likeness: Likeness) -> str:
         """Return what the promise rests on, where real pages were learned."""
@@ -150,12 +152,12 @@ class Guarantee:
         if not self.reference:
             if not likeness.is_distinct:
                 return f"by count, from {pages}"
-            return f"by count, from {pages} alone: simulated pages were told apart from them ({p_value})"
+            return f"by count, from {pages} alone: simulated pages were distinguished from them ({p_value})"
         basis = "by count" if self.conformal else "extrapolated"
         return (
-            f"{basis}, from {pages} and {self.reference:,} simulated pages, which were not told apart from them "
-            f"({p_value}; pages that alarm {likeness.detectable(self.rate):.1f} times as often are told apart 9 times "
-            f"in 10); these {self.real} pages alone support one in {self.real + 1}"
+            f"{basis}, from {pages} and {self.reference:,} simulated pages, which were not distinguished from them "
+            f"({p_value}; pages that alarm {likeness.detectable(self.rate):.1f} times as often are distinguished 9 "
+            f"times in 10); these {self.real} pages alone support one in {self.real + 1}"
         )
 
     @property
@@ -167,7 +169,7 @@ class Guarantee:
             for kind, count in self.kinds
             if count < FEWEST_OF_KIND
         ]
-        stands = f"; it stands for pages of the kinds learned: {learned}" if learned else ""
+        stands = f"; it applies to pages of the kinds learned: {learned}" if learned else ""
         return stands + (f", and is not supported for {', '.join(few)}" if few else "")
 
 

@@ -56,7 +56,7 @@ def shows_another(registration: Registration) -> bool:
 
 def unplaced_reason(registration: Registration) -> str:
     """Return why a page is not inspected, in words."""
-    return f"it is not known where the page lies: {registration.reason}"
+    return f"the position of the page is not known: {registration.reason}"
 
 
 def place_reason(registration: Registration) -> str:
@@ -64,8 +64,8 @@ def place_reason(registration: Registration) -> str:
     if registration.turned:
         return "the page is turned by 180 degrees"
     if registration.foreign:
-        return "the scan shows another page: what is printed on it is not foretold by this one"
+        return "the scan shows another page: its content is not predicted by this one"
     if not registration.located:
         return f"the scan does not show this page: {registration.reason or 'its tiles show something else'}"
     x, y = registration.placement.shift_mm
-    return f"the page lies {x:+.1f}, {y:+.1f} mm and {registration.placement.skew_deg:+.2f} degrees off its place"
+    return f"the page is {x:+.1f}, {y:+.1f} mm and {registration.placement.skew_deg:+.2f} degrees off its position"

@@ -48,7 +48,7 @@ def entry(name: str) -> Entry:
         return resolve_name(BUILT_IN[name])
     if name not in names():
         raise RequestError(
-            "detector", f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(names())}"
+            "detector", f"there is no {shortly(name)!r}", remedy=f"choose from {', '.join(names())}"
         )
     return _registered(name)
 
@@ -61,7 +61,7 @@ def detector(name: str | None, press: DetectorPress) -> Detector:
     name = default_name(press) if name is None else name
     registered = entry(name)
     if registered.model is not None and name not in press.detectors:
-        what = f"press {press.name} was not taught {name!r}"
+        what = f"press {press.name} was not trained for {name!r}"
         remedy = f"build it with `prooflight press build --detector {name}`, or choose {UNTRAINED}"
         raise RequestError("detector", what, remedy=remedy)
     return registered.detector(press)
@@ -111,5 +111,5 @@ def _registered(name: str) -> Entry:
         loaded = entry_point.load()
     except Exception as error:
         what = f"{name!r} ({entry_point.value}) cannot be loaded: {type(error).__name__}: {error}"
-        raise RequestError("detector", what, remedy="ask whoever wrote it, or uninstall it") from error
+        raise RequestError("detector", what, remedy="ask its author, or uninstall it") from error
     return loaded if isinstance(loaded, Entry) else Entry(detector=loaded)

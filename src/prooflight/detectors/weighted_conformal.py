@@ -128,7 +128,7 @@ class LabelledPages:
     def too_few(self) -> RequestError:
         """Return an error: these cannot support the guarantee, and how many more are needed."""
         odds = f"one false alarm in {1 / self.rate:,.0f} good pages"
-        what = f"{self.sample:.0f} pages of the random sample were labelled good, too few to promise {odds}"
+        what = f"{self.sample:.0f} pages of the random sample were labelled good, too few for {odds}"
         more = max(self.missing, 1)
         return RequestError("recalibrate", what, remedy=f"{more} more {'is' if more == 1 else 'are'} needed")
 
@@ -165,15 +165,15 @@ class LabelledPages:
         stated = checked(LabelledFacts, facts, under=under)
         check_arrays(arrays, TABLE, {}, under=under)
         if not 0 < stated.rate < 1:
-            raise Misfit(f"{under}rate", f"is {stated.rate:g}, must lie between 0 and 1")
+            raise Misfit(f"{under}rate", f"is {stated.rate:g}, must be between 0 and 1")
         if stated.passed_weight < 1:
             raise Misfit(f"{under}passed_weight", f"is {stated.passed_weight:g}, must be 1 or more")
         if not math.isfinite(stated.alarms_from):
-            raise Misfit(f"{under}alarms_from", "is no finite number")
+            raise Misfit(f"{under}alarms_from", "is not a finite number")
         try:
             _ = LabelledPages.from_parts(arrays, facts).threshold
         except RequestError as error:
-            raise Misfit(f"{under}score", "holds too few pages for its promise") from error
+            raise Misfit(f"{under}score", "contains too few pages for its rate") from error
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:

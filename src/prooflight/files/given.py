@@ -34,7 +34,7 @@ class GivenFiles:
         try:
             descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except ValueError:  # a NUL or half a surrogate pair
-            raise self.error(path, "is no file name", remedy=self.remedy) from None
+            raise self.error(path, "is not a file name", remedy=self.remedy) from None
         try:
             mode = os.fstat(descriptor).st_mode
             if not stat.S_ISREG(mode):

@@ -151,7 +151,7 @@ def _check_array(name: str, array: NDArray[Any], spec: ArraySpec, extents: dict[
         raise Misfit(name, f"holds {low:.6g}, must be above {spec.above:g}")
     if low < spec.low or high > spec.high:
         wrong = low if low < spec.low else high
-        raise Misfit(name, f"holds {wrong:.6g}, must lie between {spec.low:g} and {spec.high:g}")
+        raise Misfit(name, f"holds {wrong:.6g}, must be between {spec.low:g} and {spec.high:g}")
     if spec.rule is not None and (what := spec.rule(array)):
         raise Misfit(name, what)
 

@@ -65,7 +65,7 @@ class Table:
         return next((value for key, value in self.keywords if key.upper() == name.upper()), None)
 
     def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
-        """Return the values of some columns, (rows, names); NaN where a cell is no finite number."""
+        """Return the values of some columns, (rows, names); NaN where a cell is not a finite number."""
         places = [self.fields.index(name) for name in names]
         return np.array([[number(row[place]) for place in places] for row in self.rows])
 
@@ -75,7 +75,7 @@ class Table:
 
 
 def number(cell: str) -> float:
-    """Return the value of a cell, decimal point or comma; NaN if it is no finite number.
+    """Return the value of a cell, decimal point or comma; NaN if it is not a finite number.
 
     >>> number("0,25"), number("1e2"), number("1,000.5")
     (0.25, 100.0, nan)
@@ -197,13 +197,13 @@ class _TableReader:
         seen: set[str] = set()
         for name in table.fields:
             if name.upper() in seen:
-                what = f"the column {shortly(name)} stands there twice"
+                what = f"the column {shortly(name)} appears twice"
                 raise ChartError(self.where, what, remedy="keep one of the two")
             seen.add(name.upper())
         for name, count in (("NUMBER_OF_FIELDS", len(table.fields)), ("NUMBER_OF_SETS", len(table.rows))):
             for key, value in self.keywords:
                 if key == name and number(value) != count:
-                    what = f"{name} says {shortly(value)}, the table has {count}"
+                    what = f"{name} states {shortly(value)}, the table has {count}"
                     raise ChartError(self.where, what, remedy="complete the file or correct that number")
 
 

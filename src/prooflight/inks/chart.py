@@ -224,7 +224,7 @@ def _numbers(path: Path, table: Table, names: tuple[str, ...]) -> NDArray[np.flo
         row, column = bad[0]
         cell = table.rows[row][table.fields.index(names[column])] or "empty"
         more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        what = f"{table.line(row)}, column {shortly(names[column])}: {shortly(cell)} is no number{more}"
+        what = f"{table.line(row)}, column {shortly(names[column])}: {shortly(cell)} is not a number{more}"
         raise ChartError(path, what, remedy="measure that patch again or take it out")
     return values
 
@@ -248,7 +248,7 @@ def _scale(path: Path, table: Table, measured: NDArray[np.float64]) -> float:
     norm = table.keyword("SPECTRAL_NORM")
     if norm is not None:
         if not _LEAST_NORM <= number(norm) <= _GREATEST_NORM:
-            what = f"SPECTRAL_NORM says {shortly(norm) or 'nothing'}"
+            what = f"SPECTRAL_NORM is {shortly(norm) or 'nothing'}"
             raise ChartError(path, what, remedy="it is what a perfect white has: 1, or 100 for per cent")
         return number(norm)
     if measured.max() > 150.0:

@@ -146,9 +146,9 @@ class Layout:
         version = table.keyword("PROOFLIGHT_LAYOUT")
         values = {name: number(table.keyword(f"PROOFLIGHT_{name.upper()}") or "") for name in _FIELDS}
         if version != _LAYOUT or not np.isfinite(list(values.values())).all():
-            what = "its keywords do not say where patches lie"
+            what = "its keywords do not state the positions of patches"
             raise ChartError(
-                where, what, remedy="give the recipe file that `chart make` wrote beside the chart"
+                where, what, remedy="give the recipe file that `chart make` wrote next to the chart"
             )
         try:
             return cls(**values)
@@ -215,7 +215,7 @@ def read_recipe_file(path: Path) -> PlacedRecipes:
         raise ChartError(path, f"the column {missing[0]} is missing", remedy=_AS_WRITTEN)
     values = table.numbers(wanted)
     if not np.isfinite(values).all() or not values.size:
-        raise ChartError(path, "places or recipes are no numbers", remedy=_AS_WRITTEN)
+        raise ChartError(path, "positions or recipes are not numbers", remedy=_AS_WRITTEN)
     _refuse_places(path, table, layout, values[:, :3])
     outside = (values[:, 3:] < 0) | (values[:, 3:] > 100)
     if outside.any():
@@ -237,5 +237,5 @@ def _refuse_places(path: Path, table: Table, layout: Layout, places: NDArray[np.
         raise ChartError(path, what, remedy=_AS_WRITTEN)
     _, first, patches = np.unique(places, axis=0, return_index=True, return_counts=True)
     if patches.max() > 1:
-        what = f"{table.line(int(first[patches.argmax()]))}: another patch lies on the same place"
+        what = f"{table.line(int(first[patches.argmax()]))}: another patch is at the same position"
         raise ChartError(path, what, remedy=_AS_WRITTEN)

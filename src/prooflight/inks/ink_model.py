@@ -97,7 +97,7 @@ class InkModel:
             choice = choose(chart, folds=folds, seed=seed, progress=progress)
             trial, why = choice.best, choice.why
         else:
-            trial, why = cross_validate(chart, model, folds=folds, seed=seed), f"{model}: as asked"
+            trial, why = cross_validate(chart, model, folds=folds, seed=seed), f"{model}: as requested"
         recipes = chart.recipes()
         return cls(
             model=fit_model(chart, trial.model),

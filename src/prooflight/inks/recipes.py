@@ -104,7 +104,7 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
     """Read the recipes of a CSV file with header C,M,Y,K (any order), per cent -> (n, 4) ink fractions.
 
     Cells are separated by comma, semicolon or tab; with the latter two decimals may have a comma.
-    RequestError: no such header, no rows, a cell that is no number from 0 to 100, or nothing above 1 %
+    RequestError: no such header, no rows, a cell that is not a number from 0 to 100, or nothing above 1 %
     (recipes as fractions).
     """
     text = RECIPE_FILES.read_text(path, any_encoding=True)

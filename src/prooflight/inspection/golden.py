@@ -212,7 +212,7 @@ class GoldenInspector:
             sizes_mm.append((pixels * across_mm, lines * along_mm))
         zones = JobZones.read(path, sizes_mm)
         if zones.kinds - ZONES:
-            what = "holds careful zones, which a golden scan does not know"
+            what = "holds careful zones, which a golden scan does not support"
             raise RequestError(path, what, remedy="leave them out, or inspect by the job's raster")
         return [
             replace(page, zones=zones.of_pages.get(number, ())) for number, page in enumerate(pages, start=1)
@@ -224,7 +224,7 @@ class GoldenInspector:
         if picture.dpi is None:
             remedy = "save it with its resolution, or give the press with --press"
             raise ScanError(
-                golden.path, "states no resolution, so that nothing has a place in mm", remedy=remedy
+                golden.path, "states no resolution, so that positions in mm are unknown", remedy=remedy
             )
         return MM_PER_INCH / picture.dpi[0], MM_PER_INCH / picture.dpi[1]
 

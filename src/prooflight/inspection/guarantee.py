@@ -19,12 +19,10 @@ if TYPE_CHECKING:
     from prooflight.pages.warnings import PageWarning
 
 SUSPENDED: Final = (
-    "this press's good pages are not like those that the promise rests on (most of all: {}): the promised "
+    "this press's good pages differ from those that the promise is based on (most of all: {}): the promised "
     "false-alarm rate does not hold; {}"
 )
-MISPRINTS: Final = (
-    "{}: look for the cause on the press; how many alarms of this run are false is not promised"
-)
+MISPRINTS: Final = "{}: look for the cause on the press; the false-alarm rate of this run is not promised"
 """Message where alarms have a kind and a place in common: such sheets are no good pages to train a press on."""
 
 

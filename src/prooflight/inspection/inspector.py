@@ -65,7 +65,7 @@ class Inspector:
         object.__setattr__(self, "zones", zones)
         if zones is not None and (unknown := zones.kinds - self.detector.zone_kinds):
             kind = f"{min(unknown)} zones" if self.detector.zone_kinds else "zones"
-            what = f"{self.detector.name!r} knows no {kind}"
+            what = f"{self.detector.name!r} does not support {kind}"
             raise RequestError("zones", what, remedy="leave them out, or inspect by the matched filter")
 
     @classmethod

@@ -62,7 +62,7 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
         unknown = sorted(set(by_name) - set(names.values()))
         if unknown:
             named = _some([by_name[name].path.name for name in unknown])
-            what = f"{named} {'is' if len(unknown) == 1 else 'are'} no page of the job"
+            what = f"{named} {'is' if len(unknown) == 1 else 'are'} not in the job"
             raise ScanError(scans, what, remedy=f"the job has pages {names[1]} to {names[len(job)]}")
         return [(number, by_name.get(name)) for number, name in names.items()]
     by_number = {_last_number(scan.name): scan for scan in recorded}
@@ -246,7 +246,7 @@ def for_learning(inspector: Inspector) -> Inspector:
     """Return an inspector whose detector keeps all that it learns from; RequestError: it learns from no page."""
     detector = inspector.detector
     if not isinstance(detector, LearnsPages):
-        what = f"{detector.name!r} of press {inspector.press.name} learns from no real page"
+        what = f"{detector.name!r} of press {inspector.press.name} cannot learn from real pages"
         raise RequestError(
             "learn", what, remedy="build the press with `prooflight press build --detector quick`"
         )

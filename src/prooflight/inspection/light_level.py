@@ -292,11 +292,11 @@ def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> Wron
     top = sensor.top_code_dn
     if level.brightest_dn > top:
         what = f"the scan holds values up to {level.brightest_dn}, above the camera's greatest, {top}"
-        return WrongLight(reason=f"{what}: record it as the press was calibrated", of_sheet=False)
+        return WrongLight(reason=f"{what}: record it with the settings of the calibration", of_sheet=False)
     if level.clipped > MOST_CLIPPED:
         what = f"{level.clipped:.0%} of the page is at the camera's greatest value, {top}"
         return WrongLight(
-            reason=f"{what}: lower the light or the gain to what was calibrated", of_sheet=False
+            reason=f"{what}: lower the light or the gain to its value in the calibration", of_sheet=False
         )
     if level.page is None:
         return _of_backing(level, tolerance)
@@ -305,9 +305,9 @@ def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> Wron
     light = max(level.page, 0.0)
     paper = f"paper at {light * sensor.white_dn:.0f} DN, {sensor.white_dn:.0f} expected"
     if level.backing is not None and abs(level.backing - 1) < WITNESS * abs(level.page - 1):
-        what = f"the sheet is {light:.2f} times as light as this press was calibrated for ({paper})"
+        what = f"the sheet is {light:.2f} times as bright as in the calibration ({paper})"
         return WrongLight(
-            reason=f"{what}, what lies beside it is not: calibrate again for this paper", of_sheet=True
+            reason=f"{what}, but the backing next to it is not: calibrate again for this paper", of_sheet=True
         )
     what = f"the light is {light:.2f} times what this press was calibrated for ({paper})"
     return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=False)
@@ -317,8 +317,8 @@ def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
     """Check the backing, for a sensor to which the page itself, a dark picture perhaps, does not show its light."""
     if level.backing is None or not tolerance < abs(level.backing - 1) < NO_BACKING:
         return None
-    what = f"what lies beside the page is {level.backing:.2f} times as light as this press was calibrated for"
-    return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=True)
+    what = f"the backing next to the page is {level.backing:.2f} times as bright as in the calibration"
+    return WrongLight(reason=f"{what}: check lamp and camera, or calibrate again", of_sheet=True)
 
 
 def _of_black(level: LightLevel, sensor: SensorModel) -> WrongLight | None:
@@ -330,5 +330,5 @@ def _of_black(level: LightLevel, sensor: SensorModel) -> WrongLight | None:
     if due > DARK_PAGE or level.darkest - due <= BLACK_OFF:
         return None
     seen_dn, due_dn = (round(light * sensor.white_dn) for light in (level.darkest, due))
-    what = f"the darkest of the page is at {seen_dn} DN above dark, {due_dn} expected"
+    what = f"the darkest area of the page is at {seen_dn} DN above dark, {due_dn} expected"
     return WrongLight(reason=f"{what}: the camera's black level is off; calibrate again", of_sheet=True)

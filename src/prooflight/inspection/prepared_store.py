@@ -265,7 +265,7 @@ class _Unpickler(pickle.Unpickler):
         if kind == OF_NUMBERS:
             numbers = np.dtype(str(index))
             if numbers.hasobject:
-                raise pickle.UnpicklingError("objects are no part of a design")
+                raise pickle.UnpicklingError("objects are not part of a design")
             return numbers
         return self._parts[kind][index]
 
@@ -277,4 +277,4 @@ class _Unpickler(pickle.Unpickler):
             loaded = super().find_class(module, name)
             if isinstance(loaded, type) and (is_dataclass(loaded) or issubclass(loaded, tuple)):
                 return loaded
-        raise pickle.UnpicklingError(f"{module}.{name} is no part of a design")
+        raise pickle.UnpicklingError(f"{module}.{name} is not part of a design")

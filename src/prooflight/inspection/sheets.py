@@ -292,7 +292,7 @@ def sheet_verdict(plan: SheetPlan, sheet: int, sides: Sequence[SideVerdict]) -> 
     again = [side for side in sides if len(side.rows) > 1 or "repeated" in side.faults]
     why += [f"its {side.side or 'print'} was captured twice" for side in again]
     why += [
-        f"its {side.side or 'print'} came behind its turn" for side in sides if "out-of-order" in side.faults
+        f"its {side.side or 'print'} came out of order" for side in sides if "out-of-order" in side.faults
     ]
     return SheetVerdict(
         sheet=sheet,

@@ -87,7 +87,9 @@ class KernelCache(FunctionCache):
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # pickle raises whatever the bytes make it raise
-            _log.warning("%s: a compiled kernel is damaged (%s); it is compiled anew", self.cache_path, error)
+            _log.warning(
+                "%s: a compiled kernel is damaged (%s); it is compiled again", self.cache_path, error
+            )
             self._forget()
             return None
 
@@ -98,7 +100,7 @@ class KernelCache(FunctionCache):
         except OSError as error:
             why = error.strerror or error
             _log.warning(
-                "%s: compiled kernels cannot be kept (%s); each run compiles them", self.cache_path, why
+                "%s: compiled kernels cannot be stored (%s); each run compiles them", self.cache_path, why
             )
             self.disable()
 
@@ -134,7 +136,7 @@ def cache_of(function: Callable[..., Any]) -> KernelCache:
             raise
     folder = _temporary_folder()
     _log.warning(
-        "compiled kernels are kept in %s: neither the installation nor a home can be written", folder
+        "compiled kernels are stored in %s: neither the installation nor a home can be written", folder
     )
     config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"] = str(
         folder

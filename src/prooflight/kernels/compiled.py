@@ -106,7 +106,7 @@ class Expected:
         """Parse ``path (extents)`` or ``path``."""
         match = re.fullmatch(r"(\w+(?:\[\])?(?:\.\w+)?)\s*(?:\((.*)\))?", text)
         if match is None:
-            raise TypeError(f"{text!r} is no argument with its shape")
+            raise TypeError(f"{text!r} is not an argument with its shape")
         path, extents = match.groups()
         return cls(path=path, extents=None if extents is None else tuple(_parted(extents)))
 
@@ -149,7 +149,7 @@ class Contract:
         given = symbols & {one.path for one in expected if one.extents is None}
         letters = extents & symbols - set(constants) - given
         if unknown := symbols - set(constants) - given - letters - {"max", "min"}:
-            raise TypeError(f"{function.__name__}: nothing says what {', '.join(sorted(unknown))} is")
+            raise TypeError(f"{function.__name__}: nothing defines {', '.join(sorted(unknown))}")
         codes = {
             text: compile(_flat(text), function.__name__, "eval")
             for text in (*extents, *conditions)

@@ -168,7 +168,7 @@ def _check_tiff(where: object, page: Any) -> None:
     if page.dtype not in (np.uint8, np.uint16) or page.bitspersample not in (8, 16):
         raise JobError(where, f"{page.bitspersample} bits a channel ({page.dtype})", remedy=_REMEDY)
     if page.tags.valueof(_ORIENTATION, 1) != 1:
-        raise JobError(where, "the image is stored turned", remedy="export it with its first row on top")
+        raise JobError(where, "the image is stored rotated", remedy="export it with its first row on top")
 
 
 @contextlib.contextmanager
@@ -179,7 +179,7 @@ def _jpeg(path: Path, number: int) -> Iterator[_Stored]:
         if image.mode != "CMYK":
             raise JobError(path, f"the image is {image.mode}, not CMYK", remedy=_REMEDY)
         if image.getexif().get(_ORIENTATION, 1) != 1:
-            raise JobError(path, "the image is stored turned", remedy="export it with its first row on top")
+            raise JobError(path, "the image is stored rotated", remedy="export it with its first row on top")
         refuse_oversize(path, image.height, image.width)
 
         def decode(cmyk: NDArray[np.uint8]) -> None:

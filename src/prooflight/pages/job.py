@@ -190,10 +190,8 @@ class Job:
         RequestError: the job is imposed on sheets, whose sides are no pages of the file.
         """
         if self.source.layout is not None:
-            what = "a side of a sheet says nothing of places"
-            raise RequestError(
-                self.source.path, what, remedy="open the job without a layout for what its pages say"
-            )
+            what = "a side of a sheet has no marked places"
+            raise RequestError(self.source.path, what, remedy="open the job without a layout")
         path, place = self._places[number - 1]
         pdf = self._pdfs.get(path)
         return None if pdf is None else pdf.marks(place)
@@ -294,7 +292,7 @@ def _files_of(path: Path) -> list[Path]:
     inside = [file for file in files_in(path, (".pdf", *files.SUFFIXES)) if not file.is_dir()]
     for file in inside:  # one that is passed over would give all that follow other numbers
         if not file.exists():
-            raise JobError(file, "is a link to nothing", remedy="put the page there, or take the link away")
+            raise JobError(file, "is a broken link", remedy="put the page there, or remove the link")
     if not inside:
         what = "the folder holds no job"
         raise JobError(path, what, remedy="put PDF, CMYK TIFF or CMYK JPEG files into it")

@@ -78,7 +78,7 @@ def file_size(path: Path, refused: type[InputError]) -> int:
     """
     facts = path.stat()  # OSError for what the system cannot open
     if not stat.S_ISREG(facts.st_mode):
-        raise refused(path, "is no file", remedy="give a file, not a folder, pipe or device")
+        raise refused(path, "is not a file", remedy="give a file, not a folder, pipe or device")
     return facts.st_size
 
 

@@ -68,7 +68,7 @@ Processes = int | Workers | None
 
 FEWEST_FOR_PROCESSES = 6
 """Fewest items for which processes are started; starting a process costs about as much as a few pages."""
-KILLED = "its worker process was killed, perhaps for want of memory"
+KILLED = "its worker process was killed, perhaps for lack of memory"
 
 
 class _WorkerPool:

@@ -112,5 +112,5 @@ def frame(data: bytes) -> Frame:
             rows, columns, components = struct.unpack_from(">HHB", data, place + 5)
             return Frame(rows=rows, columns=columns, components=components)
         place += 2 + length
-    message = "it does not say how large it is"
+    message = "it does not state its size"
     raise ValueError(message)

@@ -75,7 +75,7 @@ def full_size_images(file: BinaryIO, size: int) -> list[int]:
     found, tags = [], 0
     while offset:
         if offset in seen:
-            raise DirectoryError("its directories lead in a circle")
+            raise DirectoryError("its directories form a loop")
         if len(seen) == IMAGES_MAX:
             raise DirectoryError(f"it holds more than {IMAGES_MAX} images")
         directory, following = _directory(file, form, offset, size)
@@ -92,10 +92,10 @@ def full_size_images(file: BinaryIO, size: int) -> list[int]:
 def _form(head: bytes) -> _Form:
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
     if order is None or len(head) < 8:
-        raise DirectoryError("it is no TIFF")
+        raise DirectoryError("it is not a TIFF")
     (version,) = struct.unpack(order + "H", head[2:4])
     if version not in (42, 43) or (version == 43 and head[4:8] != struct.pack(order + "HH", 8, 0)):
-        raise DirectoryError("it is no TIFF")
+        raise DirectoryError("it is not a TIFF")
     if version == 43 and len(head) < 16:
         raise DirectoryError("it is truncated")
     return _Form(order=order, big=version == 43)
@@ -123,7 +123,7 @@ def _check_values(tags: NDArray[Any], form: _Form, size: int) -> None:
     each = _SIZES[kinds]
     unknown = (each == 0) & (tags["code"] < _BASELINE_END)
     if unknown.any():
-        raise DirectoryError(f"tag {tags['code'][unknown][0]} is of no known type")
+        raise DirectoryError(f"tag {tags['code'][unknown][0]} is of an unknown type")
     long = (counts > _ROOM[kinds]) | (_SINGLE[tags["code"]] & (counts != 1))
     if long.any():
         raise DirectoryError(f"tag {tags['code'][long][0]} holds {counts[long][0]} values")
@@ -131,7 +131,7 @@ def _check_values(tags: NDArray[Any], form: _Form, size: int) -> None:
     ends = tags["value"].astype(np.float64) + needed  # exact to 2^53
     beyond = (needed > form.offset.size) & (ends > size)
     if beyond.any():
-        raise DirectoryError(f"it is truncated: tag {tags['code'][beyond][0]} lies beyond its end")
+        raise DirectoryError(f"it is truncated: tag {tags['code'][beyond][0]} is beyond its end")
 
 
 def _is_reduced(tags: NDArray[Any], form: _Form) -> bool:

@@ -161,14 +161,14 @@ def _unreadable(page: Any, file_bytes: int) -> str:
     if chunks > CHUNKS_MAX:
         return f"the image is in {chunks} pieces, at most {CHUNKS_MAX} are read"
     if not len(offsets) == len(sizes) == chunks:
-        return "the TIFF is damaged: it does not say where all of its image lies"
+        return "the TIFF is damaged: it does not state where all parts of its image are"
     if any(
         size < 1 or offset < 1 or offset + size > file_bytes
         for offset, size in zip(offsets, sizes, strict=True)
     ):
         return "the TIFF is truncated"
     if sum(sizes) > file_bytes:
-        return "the TIFF is damaged: pieces of its image lie over one another"
+        return "the TIFF is damaged: pieces of its image overlap"
     image_bytes = prod(page.shaped) * page.dtype.itemsize
     if _chunk_bytes(page) > image_bytes + CHUNK_SLACK_BYTES:
         return "the TIFF is damaged: its tiles are larger than its image"
@@ -190,5 +190,5 @@ def _check_jpegs(page: Any) -> None:
         file.seek(offset)
         header = frame(file.read(size))
         if header.rows * header.columns * header.components > allowed:
-            message = f"a JPEG of {header.columns} x {header.rows} pixels lies in a smaller strip or tile"
+            message = f"a JPEG of {header.columns} x {header.rows} pixels is in a smaller strip or tile"
             raise ValueError(message)

@@ -355,16 +355,18 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
     key = _LONG_KEY.search(text)
     if key:
         line = text.count("\n", 0, key.start()) + 1
-        raise PressFileError(path, f"line {line} has a name of more than 32 parts", remedy="mend that line")
+        raise PressFileError(
+            path, f"line {line} has a name of more than 32 parts", remedy="correct that line"
+        )
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise PressFileError(path, f"is not TOML ({str(error)[:200]})", remedy="mend that line") from error
+        raise PressFileError(path, f"is not TOML ({str(error)[:200]})", remedy="correct that line") from error
     except RecursionError:
-        raise PressFileError(path, "has lists in lists without end", remedy="take them out") from None
+        raise PressFileError(path, "has lists nested too deeply", remedy="take them out") from None
     except ValueError:  # of int(): more digits than it takes
         what = "has a number of thousands of digits"
-        raise PressFileError(path, what, remedy="give numbers as a press has them") from None
+        raise PressFileError(path, what, remedy="give a number of ordinary size") from None
 
 
 def _refuse_what_no_field_holds(path: Path, tree: dict[str, Any]) -> None:

@@ -145,7 +145,7 @@ class OpcuaBlock(_Block):
             message = "anonymous = false needs user"
             raise ValueError(message)
         if self.user is not None and self.certificate_file is None:
-            message = "user needs certificate_file and key_file, or its password would be read on the way"
+            message = "user needs certificate_file and key_file, or its password would be sent unencrypted"
             raise ValueError(message)
         if not is_loopback(host) and self.certificate_file is None:
             message = f"listen beyond this machine ({host}) needs certificate_file and key_file"
@@ -201,7 +201,9 @@ def secret(path: Path, where: str, block: BaseModel, name: str) -> str | None:
     if not content or "\n" in content:
         what = "is empty" if not content else "holds more than a line"
         named = shortly(file or variable)
-        raise PressFileError(path, f"{field}: {named} {what}", remedy="let it hold the secret alone")
+        raise PressFileError(
+            path, f"{field}: {named} {what}", remedy="it must contain the secret and nothing else"
+        )
     return content
 
 

@@ -179,9 +179,7 @@ class PressFile:
             for model, names in settings.names.items():
                 for feature in names:
                     if feature not in NAMES:
-                        what = (
-                            f"camera.names.{shortly(model)}.{shortly(feature)} is nothing that can be named"
-                        )
+                        what = f"camera.names.{shortly(model)}.{shortly(feature)} is not a feature that can be renamed"
                         raise PressFileError(self.path, what, remedy=f"name {', '.join(NAMES)}")
         return cameras
 
@@ -374,14 +372,14 @@ def _pairs(text: str) -> list[tuple[float, float]]:
         if not any(cells) or cells[0].startswith("#") or _is_header(cells[0], rows):
             continue
         if len(values) < 2 or np.isnan(values).any():
-            message = f"line {at}: {shortly(line.strip())!r} is no wavelength and finite value"
+            message = f"line {at}: {shortly(line.strip())!r} is not a wavelength and a finite value"
             raise ValueError(message)
         wave, value = values
         if rows and wave <= rows[-1][0]:
             message = f"line {at}: {wave:g} nm does not follow {rows[-1][0]:g} nm, wavelengths must increase"
             raise ValueError(message)
         if not 0 < wave <= GREATEST:
-            message = f"line {at}: {wave:g} nm is no wavelength"
+            message = f"line {at}: {wave:g} nm is not a wavelength"
             raise ValueError(message)
         if not 0 <= value <= GREATEST:
             message = f"line {at}: {value:g} is not in 0..{GREATEST:g}"
@@ -427,7 +425,7 @@ def _refuse_pitches(path: Path, camera: Camera) -> None:
         )
         raise PressFileError(path, what, remedy=remedy)
     if not FINEST_MM <= camera.line_pitch_mm <= COARSEST_MM:
-        what = f"lines would lie {camera.line_pitch_mm:.3g} mm apart on the page"
+        what = f"lines would be {camera.line_pitch_mm:.3g} mm apart on the page"
         raise PressFileError(path, what, remedy=_line_rate(camera))
 
 
@@ -465,6 +463,6 @@ def _refuse_darkness(path: Path, camera: Camera) -> None:
     white = camera.irradiance_photons(np.ones(BANDS))
     for sensor in camera.sensors:
         if not sensor.electrons(white) >= _FEWEST_ELECTRONS:
-            what = f"sensor {sensor.name} sees nothing of this light"
+            what = f"sensor {sensor.name} is not sensitive to this light"
             remedy = "raise light.luminance_cd_m2, or give it a quantum_efficiency where the light is"
             raise PressFileError(path, what, remedy=remedy)

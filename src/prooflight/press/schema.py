@@ -169,7 +169,7 @@ def _check_sensor(facts: SensorFacts, arrays: Mapping[str, NDArray[Any]], *, und
     for name in ("mean_dn", "column_offset_dn"):
         most = float(np.abs(arrays[name]).max())
         if most > reach:
-            raise Misfit(under + name, f"holds {most:.6g}, must lie within {reach} DN of 0")
+            raise Misfit(under + name, f"holds {most:.6g}, must be within {reach} DN of 0")
     white = float(arrays["mean_dn"][0, 0, 0, 0])
     if white <= 0:
         raise Misfit(f"{under}mean_dn", f"gives bare paper {white:.6g} DN, must give it light")
@@ -178,7 +178,7 @@ def _check_sensor(facts: SensorFacts, arrays: Mapping[str, NDArray[Any]], *, und
         float(arrays["variance_dn2"].min()) - facts.dark_variance_dn2
     )
     if least <= 0:
-        raise Misfit(f"{under}variance_dn2", "lies so far below dark_variance_dn2 that columns have none")
+        raise Misfit(f"{under}variance_dn2", "is so far below dark_variance_dn2 that columns have none")
 
 
 def _check_inks(facts: Mapping[str, str], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -210,7 +210,7 @@ def _check_detectors(
             raise Misfit(f"detectors.{name}", "is of a detector that needs no training")
         model.check(part_of(arrays, under), detectors[name], sensors=len(facts.sensors), under=under)
     if strange := sorted(name for name in arrays if name.startswith(MODELS) and name not in owned):
-        raise Misfit(strange[0], "belongs to a detector of which nothing is said")
+        raise Misfit(strange[0], "belongs to a detector that is not described")
 
 
 def _no_edge(cumulative: NDArray[np.floating]) -> str:

@@ -38,15 +38,17 @@ def planned(job: Job, layout: Layout, geometry: ScanGeometry, *, sheets: int | N
         side = side_size(size, layout)
         if not any(geometry.sees(extent) for extent in side):
             what = f"a side is {side[0]:.1f} x {side[1]:.1f} mm, and this press sees {geometry.field_mm:.1f} mm across"
-            raise RequestError(WHERE, what, remedy="lay fewer pages on it, or build a press with more pixels")
+            raise RequestError(
+                WHERE, what, remedy="place fewer pages on it, or build a press with more pixels"
+            )
         turned = not geometry.sees(side[0]) and geometry.sees(side[1])
         across, along = side[::-1] if turned else side
         placed[turned, backs_at(layout.backs, across_mm=across, along_mm=along)] = size
     if layout.backs in ("long-edge", "short-edge"):
         meanings = {backs for _, backs in placed}
         if len(meanings) > 1:
-            what = f"backs={layout.backs} means two things for sheets of this job, which lie both ways"
-            raise RequestError(WHERE, what, remedy="say backs=upright or backs=turned")
+            what = f"backs={layout.backs} is ambiguous for this job, whose sheets have both orientations"
+            raise RequestError(WHERE, what, remedy="state backs=upright or backs=turned")
         layout = replace(layout, backs=meanings.pop() if meanings else "upright")
     one = len({(round(width), round(height)) for width, height in sizes.values()}) == 1
     return SheetPlan(

@@ -155,7 +155,7 @@ class SpotUnits:
             worst = int(np.abs(mixed.off).max(axis=1).argmax())
             tint = 100 * worst / (STEPS - 1)
             warnings.append(
-                f"no mixture of process inks gives this camera its light, which is predicted {100 * off:.1f} % of "
+                f"no mixture of process inks gives this camera its signal, which is predicted {100 * off:.1f} % of "
                 f"white off at a tint of {tint:.0f} %: good prints of it may be called misprints"
             )
         opacity = job.solidities.get(unit.name) if ink.opacity is None else ink.opacity

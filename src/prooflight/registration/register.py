@@ -79,9 +79,9 @@ TURNED_PRINT: Final = 0.6
 WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """Shift and skew at which a page is a misprint (worlds.toml)."""
-TOO_LITTLE: Final = "too little is printed to tell where"
-IN_PARTS: Final = "parts of the page lie in different places"
-REPEATS: Final = "the page repeats itself: it may lie in several places"
+TOO_LITTLE: Final = "too little is printed to locate the page"
+IN_PARTS: Final = "parts of the page are at different positions"
+REPEATS: Final = "the content of the page repeats: it fits at several positions"
 WIDE_TURN_DEG, WIDE_STRETCH_PERCENT = 1.0, 1.0
 """Standard deviations of turn and stretch in the wide search, in which a sheet may lie as office feeders lay it."""
 LEAST_WIDE: Final = 0.6
@@ -309,7 +309,7 @@ def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
     """Return why the best candidate is not reliable; empty if it is."""
     best = tried[0]
     if best.tiles < LEAST_TILES or best.agreeing < LEAST_AGREEING:
-        return f"{best.agreeing:.0%} of what should be there is, and in no one place"
+        return f"{best.agreeing:.0%} of the expected content is present, and not at one position"
     for other in tried[1:]:
         if (
             other.agreeing >= RIVAL * best.agreeing

@@ -73,7 +73,7 @@ def write_chart_report(
         folds=trial.folds,
         repeats=""
         if scatter is None
-        else f" Repeated patches lie {scatter.median_delta_e00:.2f} from their mean (median).",
+        else f" Repeated patches are {scatter.median_delta_e00:.2f} from their mean (median).",
         scores=_score_rows(scores, trial.model),
         histogram=_embedded(histogram(difference[recipes.of_patch])),
         spectra=_embedded(_spectra_figure(recipes, trial.predicted, difference)),

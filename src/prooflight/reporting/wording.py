@@ -65,9 +65,9 @@ def widened(times: float) -> str:
     """Describe the wider tolerance of a page, with the reason; empty if it is not widened.
 
     >>> widened(1.28)
-    'more colours than the fit follows: judged 1.28 times more widely'
+    'more colours than the fit can follow: tolerances 1.28 times as wide'
     """
-    return f"more colours than the fit follows: judged {times:g} times more widely" if times > 1 else ""
+    return f"more colours than the fit can follow: tolerances {times:g} times as wide" if times > 1 else ""
 
 
 def family(name: str | None, detector: str) -> str:

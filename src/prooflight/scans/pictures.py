@@ -115,7 +115,7 @@ def _read_tiff(file: PictureFile) -> Picture:
         for page in pages:
             _check_colours(path, page)
         if pages[0].tags.valueof(274) not in (None, 1):
-            raise ScanError(path, "is stored turned", remedy="save it with its first line on top")
+            raise ScanError(path, "is stored rotated", remedy="save it with its first line on top")
         if len({(page.imagelength, page.imagewidth) for page in pages}) > 1:
             what = "holds images of different sizes"
             raise ScanError(path, what, remedy="give images of one size for each page")

@@ -97,7 +97,7 @@ class RawLines:
                 if len(message) < pixels:
                     if self._closed:
                         return
-                    raise ScanError(where, "ends within the words of a fault", remedy="send whole blocks")
+                    raise ScanError(where, "ends within the text of a fault", remedy="send whole blocks")
                 detail = message.decode(errors="replace")
                 faults.append(
                     LineFault(
@@ -112,7 +112,9 @@ class RawLines:
                 continue
             too_long = lines > MOST_LINES or 2 * self.sensors * self.pixels * lines > MOST_BYTES
             if magic != MAGIC or too_long:
-                raise ScanError(where, "is no header of a block", remedy="send blocks as `write_block` does")
+                raise ScanError(
+                    where, "is not the header of a block", remedy="send blocks as `write_block` does"
+                )
             if (sensors, pixels) != (self.sensors, self.pixels):
                 what = f"is of {sensors} sensors x {pixels} pixels"
                 remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"

@@ -99,7 +99,7 @@ def _standard_input() -> ByteStream:
 def _host_and_port(address: str, rest: str) -> tuple[str, int]:
     host, _, port = rest.rpartition(":")
     if not host or not (port.isascii() and port.isdecimal()):
-        raise RequestError(address, "is no address", remedy="write tcp:HOST:PORT")
+        raise RequestError(address, "is not an address", remedy="write tcp:HOST:PORT")
     if len(port) > len(str(PORTS)) or not 1 <= int(port) <= PORTS:
         raise RequestError(address, f"there is no port {port}", remedy=f"ports are 1 to {PORTS}")
     return host, int(port)

@@ -87,7 +87,7 @@ def turns(sheets: int, faults: Mapping[int, DrumFault]) -> list[Turn]:
         swapped = fault.kind == "out-of-order"
         if not 0 <= sheet < sheets - swapped or (swapped and sheet + 1 in faults):
             what = f"{fault.kind} at sheet {sheet} of {sheets}"
-            raise RequestError("drum", what, remedy="keep faults apart, and on the job's sheets")
+            raise RequestError("drum", what, remedy="place faults without overlap, and on the job's sheets")
         if swapped:
             order[sheet], order[sheet + 1] = sheet + 1, sheet
     passing = []

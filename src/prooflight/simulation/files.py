@@ -91,15 +91,15 @@ def stored_truths(
     """
     if not path.exists():
         return []
-    remedy = "give another folder, or remove what lies there"
+    remedy = "give another folder, or remove its content"
     try:
         document = json.loads(TRUTH_FILES.read_text(path))
         old = [dict(truth) for truth in document["scans"] if truth["page"] not in pages]
         earlier = document["world"], document["seed"], document["press_digest"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise RequestError(path, "does not say what was printed there", remedy=remedy) from error
+        raise RequestError(path, "does not state what was printed there", remedy=remedy) from error
     if old and earlier != (world, seed, press.digest):
-        what = f"tells of {len(old)} scans of another world, seed or press"
+        what = f"describes {len(old)} scans of another world, seed or press"
         raise RequestError(path, what, remedy=remedy)
     return old
 

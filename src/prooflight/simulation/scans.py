@@ -48,7 +48,9 @@ class MisprintRequest:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise RequestError(
-                "misprint", f"there is no kind {shortly(self.kind)!r}", remedy=f"choose of {', '.join(KINDS)}"
+                "misprint",
+                f"there is no kind {shortly(self.kind)!r}",
+                remedy=f"choose from {', '.join(KINDS)}",
             )
         if self.severity is not None and not 0 <= self.severity <= 1:
             what = f"severity {self.severity} of {self.kind} is out of range"

@@ -85,7 +85,7 @@ def rig(folder: Path, *, designs: int, prints: int, seed: int, progress: Callabl
         folder / f"prints-{prints}-{seed}.npy",
     )
     if not press_at.exists():
-        progress(f"teaching a small press by {designs} designs")
+        progress(f"training a small press on {designs} designs")
         plain = build_press(PressFile.prototype(), seed=1, pixels=PIXELS)
         pieces = Pieces(seed=DESIGN_SEED + 3, dpi=plain.dpi)
         trained(plain, pieces, designs=designs, seed=seed).save(press_at)

@@ -14,7 +14,7 @@ from prooflight_studies.commands.study import Json, PressFileAt, Quick, Results,
 def cluster(
     press_file: PressFileAt = None,
     out: Results = Path("docs/results/running"),
-    seed: Annotated[int, typer.Option(help="Of designs, prints and labels.", min=0)] = 541,
+    seed: Annotated[int, typer.Option(help="Seed of designs, prints and labels.", min=0)] = 541,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -22,12 +22,15 @@ class Part(StrEnum):
 def content(
     out: Results = Path("docs/results/jobs"),
     part: Annotated[Part, typer.Option(help="codes: bar codes. text: digits of numbers.")] = Part.CODES,
-    seed: Annotated[int, typer.Option(help="Of what is printed, its prints and its damage.", min=0)] = 19,
+    seed: Annotated[
+        int, typer.Option(help="Seed of what is printed, its prints and its damage.", min=0)
+    ] = 19,
     sheets: Annotated[
-        int, typer.Option(help="Of numbers of each size; each gives three wrong digits.", min=4)
+        int, typer.Option(help="Number of numbers of each size; each gives three wrong digits.", min=4)
     ] = 168,
     pitch: Annotated[
-        list[float] | None, typer.Option(help="Of the camera, for numbers; default 0.254 and 0.127. [mm]")
+        list[float] | None,
+        typer.Option(help="Pixel pitches of the camera, for numbers; default 0.254 and 0.127. [mm]"),
     ] = None,
     cache: Cache = CACHE,
     quick: Quick = False,
@@ -63,7 +66,7 @@ def _text(
 
 def zones(
     out: Results = Path("docs/results/jobs"),
-    seed: Annotated[int, typer.Option(help="Of pages, zones, prints and defects.", min=0)] = 37,
+    seed: Annotated[int, typer.Option(help="Seed of pages, zones, prints and defects.", min=0)] = 37,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

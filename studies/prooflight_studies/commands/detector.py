@@ -25,7 +25,7 @@ def ranking(
     cache: Cache = CACHE,
     ship: Annotated[bool, typer.Option("--ship", help="Write the ranking into the package as well.")] = False,
     left_out: Annotated[
-        bool, typer.Option(help="Judge each kind also by a ranking that it did not teach.")
+        bool, typer.Option(help="Judge each kind also by a ranking that was not trained with it.")
     ] = True,
     processes: Processes = None,
     quick: Quick = False,
@@ -56,7 +56,8 @@ def stress(
     out: Results = Path("docs/results/detector"),
     cache: Cache = CACHE,
     runs: Annotated[
-        int | None, typer.Option(help="Of 30 good pages under each nuisance; 10 if not given.", min=1)
+        int | None,
+        typer.Option(help="Number of runs of 30 good pages under each nuisance; default 10.", min=1),
     ] = None,
     marks: Annotated[
         int | None, typer.Option(help="Designs on which each mark is drawn; 120 if not given.", min=4)
@@ -68,7 +69,7 @@ def stress(
         int | None, typer.Option(help="Designs printed once more, well; 2240 if not given.", min=4)
     ] = None,
     pages: PagesDir = None,
-    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 53,
+    seed: Annotated[int, typer.Option(help="Seed of designs, days, prints and misprints.", min=0)] = 53,
     processes: Processes = None,
     quick: Quick = False,
     json: Json = False,

@@ -29,7 +29,7 @@ def golden(
         ),
     ],
     out: Results = Path("docs/results/detector"),
-    seed: Annotated[int, typer.Option(help="Of the bootstrap.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.", min=0)] = 0,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -43,7 +43,7 @@ def golden(
 def real(
     copies: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the paper's PDF and its scans.")],
     out: Results = Path("docs/results/detector"),
-    seed: Annotated[int, typer.Option(help="Of the marks and their places.", min=0)] = 443,
+    seed: Annotated[int, typer.Option(help="Seed of the marks and their places.", min=0)] = 443,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -62,7 +62,7 @@ def visible(
         typer.Option(metavar="PART", help="marks, one-sensor, curves or fine-curves; all if not given."),
     ] = None,
     processes: Processes = None,
-    seed: Annotated[int, typer.Option(help="Of presses, designs, days, prints and marks.", min=0)] = 235,
+    seed: Annotated[int, typer.Option(help="Seed of presses, designs, days, prints and marks.", min=0)] = 235,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from prooflight_studies.design.results import DesignRow
 
-Seed = Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)]
+Seed = Annotated[int, typer.Option(help="Seed of designs, days, prints and misprints.", min=0)]
 
 PUBLISHED_SEED = 3
 """Seed of ``paper.md``; it played no part in choosing the settings that are measured."""
@@ -113,10 +113,11 @@ def design(
         ),
     ] = False,
     sensor_cost: Annotated[
-        float, typer.Option(metavar="CENTS", help="Of one sensor with its share of lens and electronics.")
+        float,
+        typer.Option(metavar="CENTS", help="Cost of one sensor with its share of lens and electronics."),
     ] = 0.0,
     computing_cost: Annotated[
-        float, typer.Option(metavar="CENTS", help="Of one sensor's pixels on 10,000 pages.")
+        float, typer.Option(metavar="CENTS", help="Cost of computing one sensor's pixels on 10,000 pages.")
     ] = 0.0,
     price: Annotated[
         list[str] | None,

@@ -25,9 +25,13 @@ def plant(
     part: Annotated[
         list[str] | None, typer.Option(metavar="PART", help="causes or jobs; both if not given.")
     ] = None,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    processes: Annotated[
+        int | None, typer.Option(help="Number of processes at a time; default all cores.", min=1)
+    ] = None,
     pages: PagesDir = None,
-    seed: Annotated[int, typer.Option(help="Of designs, prints, defects, drifts and files.", min=0)] = 499,
+    seed: Annotated[
+        int, typer.Option(help="Seed of designs, prints, defects, drifts and files.", min=0)
+    ] = 499,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -37,7 +41,7 @@ def plant(
     """
     for name in part or ():
         if name not in PARTS:
-            raise RequestError("part", f"there is no {name!r}", remedy=f"choose of {', '.join(PARTS)}")
+            raise RequestError("part", f"there is no {name!r}", remedy=f"choose from {', '.join(PARTS)}")
     parts = part or PARTS
     if "causes" in parts and press is None:
         raise RequestError("--press", "causes need a press", remedy="give one, or `--part jobs` alone")

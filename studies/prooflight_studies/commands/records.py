@@ -17,7 +17,7 @@ def records(
     part: Annotated[
         str, typer.Option(help="shipping, backlog, search or migration; the others stay as measured.")
     ] = "shipping",
-    seed: Annotated[int, typer.Option(help="Of searches, and of the jobs of a week.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of searches, and of the jobs of a week.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from prooflight_studies.ripped.study import FalseAlarmPlan
 
 CasesDir = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="A folder of PDFs that were once printed wrong.")
+    Path | None, typer.Option(metavar="DIR", help="Folder of PDFs that were once printed wrongly.")
 ]
 PARTS = ("specification", "press")
 
@@ -33,7 +33,8 @@ def rip(
     cases: CasesDir = None,
     pages: PagesDir = None,
     press: Annotated[
-        Path | None, typer.Option(metavar="X.press", help="As `press build` makes it; for the part press.")
+        Path | None,
+        typer.Option(metavar="X.press", help="Press artefact of `press build`; for the part press."),
     ] = None,
     prints: Annotated[int, typer.Option(help="Good prints in each row of the part press.", min=1)] = 320,
     learned: Annotated[int, typer.Option(help="Good pages that are learned; 0: none.", min=0)] = 40,
@@ -42,15 +43,18 @@ def rip(
         typer.Option(metavar="RIP", help="Only these RIPs of the part press; all if not given."),
     ] = None,
     world: Annotated[
-        list[str] | None, typer.Option(metavar="WORLD", help="Only press or measured; both if not given.")
+        list[str] | None,
+        typer.Option(metavar="WORLD", help="Only the world press or measured; default both."),
     ] = None,
     statement: Annotated[
         list[str] | None,
         typer.Option(metavar="STATEMENT", help="Only nothing, stated or identified; all three if not given."),
     ] = None,
     cache: Cache = CACHE,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    seed: Annotated[int, typer.Option(help="Of days, prints and misprints.", min=0)] = 401,
+    processes: Annotated[
+        int | None, typer.Option(help="Number of processes at a time; default all cores.", min=1)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of days, prints and misprints.", min=0)] = 401,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -58,7 +62,7 @@ def rip(
     parts = part or [PARTS[0]]
     for name in parts:
         if name not in PARTS:
-            raise RequestError("part", f"there is no {name!r}", remedy=f"choose of {', '.join(PARTS)}")
+            raise RequestError("part", f"there is no {name!r}", remedy=f"choose from {', '.join(PARTS)}")
     if PARTS[0] in parts:
         _specification(out, cases, pages, quick=quick, json=json)
     if PARTS[1] in parts:

@@ -29,7 +29,7 @@ SCREENS = Path("docs/images/screens")
 def running(
     press: Annotated[
         Path | None,
-        typer.Option(metavar="X.press", help="One sensor, taught; default the prototype."),
+        typer.Option(metavar="X.press", help="Trained press of one sensor; default the prototype."),
     ] = None,
     part: Annotated[
         list[str] | None,
@@ -41,12 +41,16 @@ def running(
     ] = None,
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
-    threads: Annotated[int | None, typer.Option(help="That inspect; default one a core.", min=1)] = None,
-    seed: Annotated[int, typer.Option(help="Of prints, faults and days.", min=0)] = 1,
-    sheets: Annotated[
-        int | None, typer.Option(help="Of the rows in real time at the speed asked; default 2,000.", min=1)
+    threads: Annotated[
+        int | None, typer.Option(help="Number of threads that inspect; default one per core.", min=1)
     ] = None,
-    again: Annotated[bool, typer.Option("--again", help="Measure parts that are known already.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of prints, faults and days.", min=0)] = 1,
+    sheets: Annotated[
+        int | None, typer.Option(help="Number of sheets of the rows in real time; default 2,000.", min=1)
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="Measure again the parts that have results.")
+    ] = False,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -75,12 +79,16 @@ def cameras(
     ] = None,
     press: Annotated[
         Path | None,
-        typer.Option(metavar="X.press", help="Taught for all detectors, for `unseen`; default the job's."),
+        typer.Option(
+            metavar="X.press", help="Press trained for all detectors, for `unseen`; default the job's."
+        ),
     ] = None,
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
-    seed: Annotated[int, typer.Option(help="Of prints and losses.", min=0)] = 1,
-    again: Annotated[bool, typer.Option("--again", help="Measure parts that are known already.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of prints and losses.", min=0)] = 1,
+    again: Annotated[
+        bool, typer.Option("--again", help="Measure again the parts that have results.")
+    ] = False,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -102,8 +110,10 @@ def cameras(
 
 def soak(
     out: Results = Path("docs/results/running"),
-    sheets: Annotated[int | None, typer.Option(help="That pass; default 3600, an hour.", min=20)] = None,
-    seed: Annotated[int, typer.Option(help="Of pages, prints and faults.", min=0)] = 12,
+    sheets: Annotated[
+        int | None, typer.Option(help="Number of sheets that pass; default 3600, an hour.", min=20)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of pages, prints and faults.", min=0)] = 12,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -122,13 +132,15 @@ def gate(
             help="latency, watch, plant, counts (needs Chromium); default all. The others stay as measured."
         ),
     ] = None,
-    sheets: Annotated[int | None, typer.Option(help="Of the long run; default 10,000.", min=100)] = None,
+    sheets: Annotated[
+        int | None, typer.Option(help="Number of sheets of the long run; default 10,000.", min=100)
+    ] = None,
     faster: Annotated[
         float | None,
         typer.Option(help="How many times the long run is compressed; default 2.", min=1, max=50),
     ] = None,
     cache: Cache = CACHE,
-    seed: Annotated[int, typer.Option(help="Of sheets, verdicts and slips.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of sheets, verdicts and slips.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -159,20 +171,24 @@ def console(
     press: Annotated[
         Path | None,
         typer.Option(
-            metavar="X.press", help="Of `beside` and `hour`: what inspects. Of `screens`: default the demo's."
+            metavar="X.press",
+            help="Press that inspects in `beside` and `hour`, and of `screens`; there default the demo's.",
         ),
     ] = None,
     job: Annotated[
         Path | None,
-        typer.Option(metavar="JOB", help="Of `beside`, `hour` and, by default the sample job, `screens`."),
+        typer.Option(
+            metavar="JOB", help="Job of `beside`, `hour` and `screens`; there default the sample job."
+        ),
     ] = None,
     rate: Annotated[
-        float, typer.Option(help="Of `beside` and `hour`; sheets a second.", min=0.01, max=50)
+        float, typer.Option(help="Sheets per second, for `beside` and `hour`.", min=0.01, max=50)
     ] = 2.0,
     minutes: Annotated[
-        float | None, typer.Option(help="Default 10, of `hour` 60, quick 1.", min=0.3, max=1000)
+        float | None,
+        typer.Option(help="Duration of a part; default 10, of `hour` 60, quick 1.", min=0.3, max=1000),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of `journeys`: of the press that is learned.", min=0)] = 547,
+    seed: Annotated[int, typer.Option(help="Seed of the press that is trained for `journeys`.", min=0)] = 547,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -225,7 +241,7 @@ def feedback(
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
     processes: Processes = None,
-    seed: Annotated[int, typer.Option(help="Of designs, days, prints and weeks.", min=0)] = 23,
+    seed: Annotated[int, typer.Option(help="Seed of designs, days, prints and weeks.", min=0)] = 23,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -23,16 +23,19 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Regenerate a table or a figure of docs/results.", no_args_is_help=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Quick = Annotated[bool, typer.Option("--quick", help="A minute's version.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Version that takes about a minute.")]
 JobFile = Annotated[Path | None, typer.Option(metavar="F.pdf", help="A job; default the sample job.")]
 PressFileAt = Annotated[
     Path | None, typer.Option(metavar="PRESS.toml", help="Press file; default the prototype.")
 ]
 Cache = Annotated[
-    Path, typer.Option(metavar="DIR", help="Where results are kept, so that an interrupted study goes on.")
+    Path,
+    typer.Option(metavar="DIR", help="Where results are stored, so that an interrupted study continues."),
 ]
 CACHE = Path("study-cache")
-Processes = Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)]
+Processes = Annotated[
+    int | None, typer.Option(help="Number of processes at a time; default all cores.", min=1)
+]
 PagesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
 ]
@@ -43,7 +46,7 @@ def chosen(part: Sequence[str] | None, parts: Sequence[str]) -> tuple[str, ...]:
     """Return the parts of a study that were asked for, or all of them; RequestError: there is no such part."""
     for one in part or ():
         if one not in parts:
-            raise RequestError("part", f"there is no {one!r}", remedy=f"choose of {', '.join(parts)}")
+            raise RequestError("part", f"there is no {one!r}", remedy=f"choose from {', '.join(parts)}")
     return tuple(part or parts)
 
 
@@ -79,7 +82,7 @@ def ink(
     chart: Annotated[Path, typer.Option(metavar="CHART", help="A characterisation chart with spectra.")],
     out: Results = Path("docs/results/prediction"),
     folds: Annotated[int, typer.Option(help="Parts of the chart that are left out in turn.")] = 10,
-    seed: Annotated[int, typer.Option(help="Of folds and added noise.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of folds and added noise.", min=0)] = 0,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -122,7 +125,7 @@ def tables(
         typer.Option(metavar="CHART", help="Judge the same press with this chart's inks as well."),
     ] = None,
     out: Results = Path("docs/results/prediction"),
-    seed: Annotated[int, typer.Option(help="Of the specimen and of colours drawn.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the specimen and of colours drawn.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -144,10 +147,10 @@ def tables(
 @app.command()
 def page(
     results: Annotated[
-        Path, typer.Argument(metavar="RESULTS.json", help="What a study kept beside its page.")
+        Path, typer.Argument(metavar="RESULTS.json", help="JSON file that a study wrote next to its page.")
     ],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="PAGE.md", help="Default beside the results.")
+        Path | None, typer.Option("-o", "--out", metavar="PAGE.md", help="Default next to the results.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -173,7 +176,10 @@ def job_or_sample(job: Path | None) -> Iterator[Path]:
 @app.command()
 def edges(
     pages: Annotated[
-        Path, typer.Option(metavar="DIR", help="PDF pages; their manifest, pages_manifest.json, lies beside.")
+        Path,
+        typer.Option(
+            metavar="DIR", help="PDF pages; their manifest, pages_manifest.json, must be next to them."
+        ),
     ],
     out: Results = Path("docs/results/prediction"),
     quick: Quick = False,

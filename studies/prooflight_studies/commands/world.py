@@ -23,7 +23,7 @@ from prooflight_studies.commands.study import (
 def corpus(
     pages: PagesDir = None,
     out: Results = Path("docs/results/simulation"),
-    seed: Annotated[int, typer.Option(help="Of the designs.", min=0)] = 2,
+    seed: Annotated[int, typer.Option(help="Seed of the designs.", min=0)] = 2,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -38,7 +38,7 @@ def corpus(
 def worlds(
     pages: Annotated[Path, typer.Option(metavar="DIR", help="PDF pages, pieces of which are printed.")],
     out: Results = Path("docs/results/simulation"),
-    seed: Annotated[int, typer.Option(help="Of sessions and prints.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of sessions and prints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -54,7 +54,7 @@ def registration(
     pages: PagesDir = None,
     out: Results = Path("docs/results/prediction"),
     cache: Cache = CACHE,
-    seed: Annotated[int, typer.Option(help="Of designs, sessions and prints.", min=0)] = 6,
+    seed: Annotated[int, typer.Option(help="Seed of designs, sessions and prints.", min=0)] = 6,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -81,7 +81,7 @@ def registration(
 def calibration(
     pages: PagesDir = None,
     out: Results = Path("docs/results/prediction"),
-    seed: Annotated[int, typer.Option(help="Of charts, sessions and prints.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of charts, sessions and prints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -117,7 +117,7 @@ class _Watching:
         """Wait for the first verdict; RequestError: there is none."""
         if not self._first.wait(STARTS_S) or not self.seen:
             raise RequestError(
-                "watch", self._said.strip()[-400:] or "told no verdict", remedy="look at it alone"
+                "watch", self._said.strip()[-400:] or "reported no verdict", remedy="run it alone"
             )
 
     def end(self) -> None:

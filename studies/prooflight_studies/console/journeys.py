@@ -199,7 +199,7 @@ def measure_journeys(
         )
         if not learnable.learned:
             raise RequestError(
-                "--part journeys", "the press in use is the one before", remedy="look at the console"
+                "--part journeys", "the press in use is the one before", remedy="check the console"
             )
     return {"rows": rows, "times": times, "runs": RUNS, "sheets": SHEETS, "seed": seed, "quick": quick}
 

@@ -122,7 +122,7 @@ def run_console_study(
                 run = journal.begin_run(_facts(int(RATE_HZ * (alone_s + watched_s))))
                 with Recorder(journal, run) as recorder:
                     press = _Press(recorder, pid=int(process.pid))
-                    progress(f"{alone_s:.0f} s with nobody looking")
+                    progress(f"{alone_s:.0f} s without clients")
                     alone = press.go_on(alone_s, alarms=False)
                     progress(f"{clients} live pages and a browser open")
                     address = f"http://{LOOPBACK}:{port}"

@@ -241,7 +241,7 @@ def _trained_press(
     path = cache / f"taught-{digest_of(facts)[:16]}.press"
     if not path.exists():
         cache.mkdir(parents=True, exist_ok=True)
-        progress(f"making a press whose pixels lie {pitch_mm} mm apart, by {designs} designs")
+        progress(f"building a press with a pixel pitch of {pitch_mm} mm, on {designs} designs")
         press = build_press(at_pitch(PressFile.prototype(), pitch_mm), seed=SPECIMEN_SEED)
         corpus = Corpus(seed=TRAINING_SEED, dpi=press.dpi)
         trained(

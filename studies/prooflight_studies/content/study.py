@@ -115,7 +115,7 @@ def run_content_study(
     rows: list[Row] = []
     costs: list[Cost] = []
     for pitch_mm in PITCHES_MM:
-        progress(f"making a press whose pixels lie {pitch_mm} mm apart")
+        progress(f"building a press with a pixel pitch of {pitch_mm} mm")
         press = build_press(at_pitch(PressFile.prototype(), pitch_mm), seed=SPECIMEN_SEED)
         for number in range(1, sheets + 1):
             progress(f"{pitch_mm} mm: sheet {number} of {sheets}")

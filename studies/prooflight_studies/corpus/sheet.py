@@ -114,7 +114,7 @@ def run_corpus_study(
     real_figures = None
     if pages is not None:
         folder = Folder(path=pages, dpi=STUDY_DPI)
-        progress(f"looking at the {len(folder)} pages of {pages.name}")
+        progress(f"analysing the {len(folder)} pages of {pages.name}")
         real = in_order(partial(summary_of, folder), range(len(folder)))
         real_figures = table(summary.figures for summary in real)
     progress(f"drawing {number} designs")

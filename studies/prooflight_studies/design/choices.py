@@ -134,7 +134,9 @@ class Prices:
             if not 0 <= value <= MOST_CENTS:
                 raise RequestError(name, f"{value} is not a cost", remedy=f"give cents, 0 to {MOST_CENTS:g}")
         if not 1 <= self.life_pages <= MOST_CENTS:
-            raise RequestError("--life-pages", f"{self.life_pages} is no life", remedy="give pages above 0")
+            raise RequestError(
+                "--life-pages", f"{self.life_pages} is not a number of pages", remedy="give a number above 0"
+            )
 
     def hardware_cents(self, choice: Choice, sensors: int) -> float:
         """Return the hardware cost of 10,000 pages. [cent]"""
@@ -160,9 +162,9 @@ def _price(text: str, of: Sequence[Choice]) -> tuple[str, str, float]:
         amount = float("nan")
     if not equals or not abs(amount) <= MOST_CENTS:
         remedy = "give FIELD=VALUE:CENTS, e.g. light.luminance_cd_m2=200:50000"
-        raise RequestError("--price", f"{shortly(text)!r} does not say what costs how much", remedy=remedy)
+        raise RequestError("--price", f"{shortly(text)!r} does not state what costs how much", remedy=remedy)
     if (field, value) not in {(name, _as_text(given)) for name, given in _given(of)}:
-        remedy = "price a field and value that --vary gives, written alike"
+        remedy = "use a field and value of --vary, written in the same way"
         raise RequestError("--price", f"no design has {shortly(what)}", remedy=remedy)
     return field, value, amount
 

@@ -83,7 +83,7 @@ def candidates(
 ) -> list[Candidate]:
     """Build every design, before any is studied. PressFileError, RequestError: one of them cannot be built."""
     if not coarser > 0:
-        raise RequestError("--coarser", f"{coarser:g} is no factor", remedy="give 1 or more")
+        raise RequestError("--coarser", f"{coarser:g} is not a factor", remedy="give 1 or more")
     files = [choice.press_file(base) for choice in chosen]
     cameras = [file.camera() for file in files]
     built = []

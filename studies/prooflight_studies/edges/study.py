@@ -269,7 +269,7 @@ def choose_pages(folder: Path, a_stratum: int = PAGES_A_STRATUM) -> list[Path]:
     """
     manifest = folder.resolve().parent / "pages_manifest.json"
     if not manifest.is_file():
-        raise RequestError(manifest, "is not there", remedy="give the folder of pages that it lies beside")
+        raise RequestError(manifest, "is not there", remedy="give the folder of pages next to it")
     entries = read_manifest(manifest)
     chosen = []
     for stratum in STRATA:

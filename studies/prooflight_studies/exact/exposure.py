@@ -184,7 +184,7 @@ class _Grid:
         for what, centres, pitch_mm in axes:
             steps = np.diff(centres)
             if steps.size and np.abs(steps - pitch_mm).max() > 1e-6 * pitch_mm:
-                message = f"centres must lie a camera {what} apart, {pitch_mm} mm"
+                message = f"centres must be spaced by a camera {what}, {pitch_mm} mm"
                 raise ValueError(message)
             ratio = pitch_mm / page.pixel_mm
             # A page long, the last camera pixel may lie a hundredth of a raster pixel off.

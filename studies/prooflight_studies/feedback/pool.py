@@ -182,7 +182,7 @@ def _trained_press(plan: PoolPlan, cache: Path, progress: Callable[[str], None])
     }
     path = cache / f"{digest_of(facts)[:16]}.press"
     if not path.is_file():
-        progress(f"teaching a press by {plan.training_designs} designs")
+        progress(f"training a press on {plan.training_designs} designs")
         trained_press = trained(
             press,
             Corpus(seed=plan.seed + TRAINING_OFFSET, dpi=press.dpi),

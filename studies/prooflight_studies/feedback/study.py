@@ -123,7 +123,7 @@ def run_feedback_study(
     lived = []
     for number in range(histories):
         if number % 20 == 0:
-            progress(f"twenty weeks, {number} of {histories} times")
+            progress(f"history {number} of {histories}")
         lived.append(history(pool, stream(plan.seed, "feedback-weeks", number)))
     results = _results(pool, lived, plan=plan, quick=quick)
     write_page(out / "feedback.md", "feedback", results)
@@ -356,6 +356,6 @@ def _least() -> int:
         except RequestError as error:
             count += max(pages.missing, 1)
             if count > 1e6:
-                raise RuntimeError("no count supports the promise") from error
+                raise RuntimeError("no count supports the rate") from error
             continue
         return count

@@ -237,7 +237,7 @@ def _counted(visitor: Visitor, folder: Path, one: Started, *, last: bool) -> Cou
     lacking = set(range(needed)) - good
     differs = [f"sheet {serial} ({kinds.get(serial)}) lies in the good tray" for serial in wrong]
     if not any(row["session"] for row in one.rows):
-        differs.append(f"run {run}: the machine was too slow, and the controller was never told anything")
+        differs.append(f"run {run}: the machine was too slow, and the controller received no message")
         return Counts(
             run=run, needed=needed, killed=one.killed, good=0, lacking=needed, vouched=0, now=None,
             page=-1, csv=-1, report=-1, reconcile=-1, reprint_list=-1, differs=differs,
@@ -279,7 +279,9 @@ def _counted(visitor: Visitor, folder: Path, one: Started, *, last: bool) -> Cou
     if {number for number in numbers if number is not None} != {len(lacking)}:
         differs.append(f"run {run}: counts are {numbers}, and {len(lacking)} sheets are not delivered")
     if reconciled["counts"].get("accepted", 0) != len(good) or reconciled["counts"].get("wrong", 0):
-        differs.append(f"run {run}: reconcile says {reconciled['counts']}, {len(good)} good sheets lie there")
+        differs.append(
+            f"run {run}: reconcile says {reconciled['counts']}, {len(good)} good sheets are in the tray"
+        )
     return replace(counts, differs=differs)
 
 

@@ -53,10 +53,10 @@ class Rig:
         """Return the rig with its files, made if they are not there."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if not self.job.exists():
-            progress("making the sample job")
+            progress("composing the sample job")
             make_sample_job(self.job)
         if not self.press.exists():
-            progress("building the press and teaching its detector")
+            progress("building the press and training its detector")
             file = self.folder / "gate.toml"
             file.write_text(press_text(host="127.0.0.1", port=502), encoding="utf-8")
             command = [sys.executable, "-m", "prooflight", "press", "build", str(file), "-o", str(self.press)]

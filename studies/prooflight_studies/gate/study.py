@@ -289,7 +289,7 @@ def _reconciled(journal: Path, trays: Path, at_gate: int) -> dict[str, Any]:
             not_inspected += sum(sheet.decision != "accept" for sheet in in_good)
     accounted = sum(counts[name] for name in ("accepted", "diverted", "lost", "unseen", "wrong"))
     if not ms:
-        raise PlantError(journal, "no result was written", remedy="look at the gate's log")
+        raise PlantError(journal, "no result was written", remedy="check the gate's log")
     median, p99, p999 = np.quantile(ms, [0.5, 0.99, 0.999])
     return {
         "runs": runs,

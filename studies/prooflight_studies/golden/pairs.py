@@ -91,7 +91,7 @@ def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
             what = f"is not a list of marked defects: line {at} is something else"
             raise ScanError(path, what, remedy=MARK_FILES.remedy)
         if not (0 <= row[0] < row[2] <= pixels and 0 <= row[1] < row[3] <= lines):
-            what = f"line {at}: the defect lies off the scan of {pixels} x {lines} pixels"
+            what = f"line {at}: the defect is outside the scan of {pixels} x {lines} pixels"
             raise ScanError(path, what, remedy=MARK_FILES.remedy)
         rows.append(row)
     return rows

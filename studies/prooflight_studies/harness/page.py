@@ -55,7 +55,7 @@ def page_again(results: Path, page: Path | None = None) -> Path:
     try:
         _write(page, page_text(stored))
     except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        what = f"lacks what its page says: {error}"
+        what = f"lacks a value that its page needs: {error}"
         raise InputError(results, what, remedy="run the study again") from error
     return page
 
@@ -119,7 +119,7 @@ def number(value: float | None, spec: str, none: str = "-") -> str:
     >>> number(1234.5, ",.2f"), number(0.1234, ".1%"), number(None, ".1f")
     ('1,234.50', '12.3%', '-')
     """
-    return none if value is None else format(+value, spec)  # the sign lets what is no number fail
+    return none if value is None else format(+value, spec)  # the sign lets what is not a number fail
 
 
 def short(value: float | None) -> str:
@@ -173,5 +173,5 @@ def _write(path: Path, text: str) -> None:
 
 def _not_results(path: Path) -> InputError:
     return InputError(
-        path, "is not the results of a study", remedy="give the JSON that lies beside a study's page"
+        path, "is not the results of a study", remedy="give the JSON file next to a study's page"
     )

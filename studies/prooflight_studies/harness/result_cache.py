@@ -150,7 +150,7 @@ def _whole(path: Path) -> bool:
     try:
         return bool(_load(path))
     except _DAMAGE:
-        _log.warning("%s is damaged and is made again", path)
+        _log.warning("%s is damaged and is computed again", path)
         return False
 
 

@@ -266,4 +266,4 @@ def _places(
             places.append((x, y))
             if len(places) == len(reaches_mm):
                 return places
-    raise RequestError(page.name, "has no bare paper for marks", remedy="lay fewer marks at once")
+    raise RequestError(page.name, "has no bare paper for marks", remedy="place fewer marks at once")

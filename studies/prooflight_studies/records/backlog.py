@@ -132,7 +132,7 @@ def _measured(
     begun_s = time.time()
     writer = started(record_sheets, [plan], begun_s)
     shipper.start()
-    progress(f"{sheets:,} sheets are in the journal; the shipper tries in vain for {tried_s:.0f} s")
+    progress(f"{sheets:,} sheets are in the journal; the shipper cannot ship for {tried_s:.0f} s")
     if not shipper.down.wait(PATIENCE_S):
         raise RuntimeError("the shipper has not started")
     time.sleep(tried_s)

@@ -337,7 +337,7 @@ def _row(inspection: Inspection) -> dict[str, Any]:
 
 def _none(number: int) -> Page:
     raise RequestError(
-        f"page {number}", "is not printed here", remedy="ask for a kind that takes no other page"
+        f"page {number}", "is not printed here", remedy="choose a kind that needs no other page"
     )
 
 

@@ -74,7 +74,9 @@ class FalseAlarmPlan:
         ):
             for name in given:
                 if name not in choices:
-                    raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(choices)}")
+                    raise RequestError(
+                        of, f"there is no {name!r}", remedy=f"choose from {', '.join(choices)}"
+                    )
 
     def pieces(self, judged: Sequence[str], learned_from: Sequence[str]) -> list[PrintPiece]:
         """Return the pieces, those that are judged first; what one page shares follows one another."""
@@ -171,7 +173,7 @@ def run_false_alarm_study(
     folder.mkdir(parents=True, exist_ok=True)
     usable, left_out = list[str](), list[str]()
     for pdf in sorted(pages.glob("*.pdf")):
-        progress(f"looking at {pdf.stem}")
+        progress(f"analysing {pdf.stem}")
         why = fits(pdf, loaded, folder)
         if why:
             left_out.append(f"{pdf.stem}: {why}")

@@ -106,7 +106,7 @@ def run_plan(
         cache / "robustness",
         digest=digest,
         processes=processes,
-        progress=progress_of("scans under every belief"),
+        progress=progress_of("scans under every assumption"),
     )
     progress(f"{plan.world} world: judging")
     return robustness_result(rows, plan)

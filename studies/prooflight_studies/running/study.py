@@ -268,7 +268,7 @@ class Study:
             return given
         path = self.cache / "running" / f"{name}-taught-{self.plan.training_pages}.press"
         if not path.exists():
-            self.progress(f"making a press ready by {self.plan.training_pages} designs")
+            self.progress(f"training a press on {self.plan.training_pages} designs")
             press = press or build_press(PressFile.preset(preset), seed=1)
             designs = Corpus(seed=self.seed, dpi=press.dpi)
             trained(press, designs, designs=self.plan.training_pages, seed=self.seed).save(path)

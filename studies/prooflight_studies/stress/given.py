@@ -101,5 +101,5 @@ def _tables(raw: dict[str, Any], of: str, kinds: Mapping[str, type[Kind]]) -> di
 
 def _named(what: str, entries: Mapping[str, Kind], name: str) -> Kind:
     if name not in entries:
-        raise RequestError(what, f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(entries)}")
+        raise RequestError(what, f"there is no {shortly(name)!r}", remedy=f"choose from {', '.join(entries)}")
     return entries[name]

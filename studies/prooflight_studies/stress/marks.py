@@ -376,8 +376,8 @@ def draw_mark(
         if compose is None:
             raise RequestError(
                 "misprint.digit",
-                "a raster alone does not say where its digits are",
-                remedy="ask for it on composed pages",
+                "a raster alone does not state the positions of its digits",
+                remedy="use it on composed pages",
             )
         return mark.drawn(page, rng, compose)
     drawn = mark.drawn(page, rng)

@@ -118,7 +118,7 @@ def run_zones_study(
     out: Path, *, seed: int, quick: bool = False, progress: Callable[[str], None] = lambda _: None
 ) -> ZonesResults:
     """Compute the cost of careful and ignored zones on pages, then print; writes zones.md."""
-    progress("making a press")
+    progress("building a press")
     press = build_press(PressFile.prototype(), seed=SPECIMEN_SEED, pixels=PIXELS)
     press = trained(press, Pieces(corpus=Corpus(seed=seed + 1, dpi=press.dpi)), designs=DESIGNS, seed=seed)
     pages = QUICK if quick else PAGES

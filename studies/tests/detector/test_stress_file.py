@@ -109,7 +109,7 @@ def test_a_table_that_is_missing_is_named(given: Path) -> None:
 
 
 def test_a_name_that_is_none_is_refused(given: Path) -> None:
-    with pytest.raises(RequestError, match="nuisance: there is no 'rain'; choose of formation_half, "):
+    with pytest.raises(RequestError, match="nuisance: there is no 'rain'; choose from formation_half, "):
         load_stress(given).nuisance("rain")
-    with pytest.raises(RequestError, match="misprint: there is no 'blot'; choose of hair, "):
+    with pytest.raises(RequestError, match="misprint: there is no 'blot'; choose from hair, "):
         load_stress(given).mark("blot")

@@ -176,9 +176,9 @@ def test_a_promise_needs_enough_designs() -> None:
     score, design = np.arange(199.0), np.arange(199)
     assert conformal_threshold(score, design, false_alarm_rate=0.005) == 198
     assert conformal_threshold(score, design, false_alarm_rate=0.01) == 197
-    with pytest.raises(ValueError, match=r"199 designs cannot promise less than 0\.005"):
+    with pytest.raises(ValueError, match=r"199 designs cannot support a rate below 0\.005"):
         conformal_threshold(score, design, false_alarm_rate=0.004)
-    with pytest.raises(ValueError, match="cannot promise"):  # copies are no designs
+    with pytest.raises(ValueError, match="cannot support"):  # copies are no designs
         conformal_threshold(score, design // 2, false_alarm_rate=0.005)
 
 

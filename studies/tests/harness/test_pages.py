@@ -138,7 +138,7 @@ def test_results_without_what_the_page_says_are_refused(
 ) -> None:
     path = tmp_path / "spoilt.json"
     path.write_text(json.dumps(read(PAGES / f"{name}.json") | spoilt), encoding="utf-8")
-    with pytest.raises(InputError, match="lacks what its page says"):
+    with pytest.raises(InputError, match="lacks a value that its page needs"):
         page_again(path)
     assert not (tmp_path / "spoilt.md").exists()
 

@@ -299,7 +299,7 @@ def test_whatever_became_of_a_kept_result_it_is_made_again_and_said(
             damaged += 1
             assert caplog.messages == [caplog.messages[0]]
             assert str(kept) in caplog.text
-            assert "is made again" in caplog.text
+            assert "is computed again" in caplog.text
     assert damaged > 40
 
 

@@ -89,4 +89,4 @@ def test_how_far_the_gate_must_be() -> None:
 
 def test_a_part_that_there_is_not_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["study", "gate", "--part", "speed"]) == 2
-    assert "there is no 'speed'; choose of latency, watch, plant, counts" in capsys.readouterr().err
+    assert "there is no 'speed'; choose from latency, watch, plant, counts" in capsys.readouterr().err

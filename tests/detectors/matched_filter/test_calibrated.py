@@ -113,9 +113,9 @@ def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) ->
         promise = calibrated(model, own=own, real=real).guarantee
         assert (promise.simulated, promise.real) == (60 - real, real)
         what = (
-            "60 real good pages of this press and 1,000 simulated pages, which were not told apart"
+            "60 real good pages of this press and 1,000 simulated pages, which were not distinguished"
             if real
-            else "60 simulated good designs of this press and 1,000 of those that taught the ranking"
+            else "60 simulated good designs of this press and 1,000 of those that trained the ranking"
         )
         assert f"from {what}" in str(promise)
 
@@ -128,10 +128,10 @@ def test_pages_unlike_simulated_ones_promise_no_more_than_they_support(model: De
     assert matched_filter.guarantee.likeness.is_distinct
     assert matched_filter.guarantee.rate == pytest.approx(1 / 41 / OF_RANKING)
     assert (matched_filter.threshold, matched_filter.guarantee.reference) == (own.max(), 0)
-    assert "from 40 real good pages of this press alone: simulated pages were told apart" in str(
+    assert "from 40 real good pages of this press alone: simulated pages were distinguished" in str(
         matched_filter.guarantee
     )
-    assert "one in 100 was asked for, and is refused" in str(matched_filter.guarantee)
+    assert "one in 100 was requested, and is refused" in str(matched_filter.guarantee)
     simulated = calibrated(model, own=own, rate=0.01)
     assert simulated.guarantee.likeness is None
     assert simulated.guarantee.rate == 0.01
@@ -159,7 +159,7 @@ def test_what_cannot_be_promised_is_refused_down_to_what_can(model: DetectorMode
     matched_filter = calibrated(model, rate=1e-6)
     assert matched_filter.guarantee.rate == pytest.approx(matched_filter.scores.ratio / 10_010 / OF_RANKING)
     assert not matched_filter.guarantee.conformal
-    assert "one in 1,000,000 was asked for, and is refused" in str(matched_filter.guarantee)
+    assert "one in 1,000,000 was requested, and is refused" in str(matched_filter.guarantee)
 
 
 @pytest.mark.parametrize(("own", "real", "rate"), [(60, 0, 0.02), (60, 60, 1e-6), (400, 400, 0.02)])

@@ -103,7 +103,7 @@ def test_a_page_off_its_place_is_wrong_whatever_the_evidence(bench: Bench) -> No
     scan = np.roll(bench.scan(page, rng), 30, axis=1)  # 3.2 mm further down
     verdict = bench.inspector.inspect(prepared, scan, scan_name="scan").verdict
     assert (verdict.verdict, verdict.kind, verdict.score) == ("misprint", "wrong-page", WRONG_PAGE)
-    assert "off its place" in verdict.reason
+    assert "off its position" in verdict.reason
     assert verdict.shift_mm is not None
     assert verdict.shift_mm[1] == pytest.approx(3.2, abs=0.9)  # 0.76 mm of a good print's own
 
@@ -150,7 +150,7 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
     assert found.verdict.score == score
     kept = StoredArrays(dict(found.stored_arrays), "matched_filter")
     assert detector("matched_filter", bench.day.day.press).decided_again(kept).score == score
-    assert f"judged {times:.3g} times more widely" in judged(found.verdict, (36.0, 44.0))
+    assert f"tolerances {times:.3g} times as wide" in judged(found.verdict, (36.0, 44.0))
     before = {name: array for name, array in found.stored_arrays.items() if name != "widening"}
     plain = (
         detector("matched_filter", bench.day.day.press)
@@ -191,7 +191,7 @@ def test_ours_is_chosen_where_the_press_was_taught_it(trained_press: Press, pres
     assert detector(None, press).name == "chi-square"
     assert "10 alarms" in Inspector.of(trained_press).guarantee
     for name in ("matched_filter", "bayes"):
-        with pytest.raises(RequestError, match="was not taught"):
+        with pytest.raises(RequestError, match="was not trained for"):
             detector(name, press)
 
 

@@ -25,7 +25,7 @@ def registration(*, located: bool = True, shift_mm: tuple[float, float] = (0.0, 
     return Registration(
         placement=Placement(shift_mm=shift_mm),
         located=located,
-        reason="" if located else "too little is printed to tell where",
+        reason="" if located else "too little is printed to locate the page",
         planes_mm=np.zeros((4, 2)),
         plane_parts=np.zeros((2, 4)),
     )
@@ -117,9 +117,9 @@ def test_an_ink_that_no_sensor_sees_is_not_named_and_hides_no_other() -> None:
 
 def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:
     moved = reason_for("wrong-page", None, None, {}, registration(shift_mm=(2.3, -0.1)), distinct="")
-    assert moved == "the page lies +2.3, -0.1 mm and +0.00 degrees off its place"
+    assert moved == "the page is +2.3, -0.1 mm and +0.00 degrees off its position"
     lost = reason_for("wrong-page", None, None, {}, registration(located=False), distinct="")
-    assert lost == "the scan does not show this page: too little is printed to tell where"
+    assert lost == "the scan does not show this page: too little is printed to locate the page"
 
 
 def test_places_are_of_the_page_and_inside_it() -> None:
@@ -178,5 +178,5 @@ def test_a_lost_place_alone_is_no_other_page() -> None:
         "density",
         "swapped-planes",
     ]
-    why = "where the page lies cannot be told: too little is printed to tell where"
+    why = "the position of the page cannot be determined: too little is printed to locate the page"
     assert reason_for("unknown", None, None, {}, lost, distinct=()) == why

@@ -197,7 +197,7 @@ def test_backs_by_the_edge_at_which_a_reader_turns_the_sheet(
         ("sides=3", "sides is '3'"),
         ("duplex=yes", "'duplex=yes' is none of sides"),
         ("", "'' is none of"),
-        ("sides=2,sides=2", "said twice"),
+        ("sides=2,sides=2", "given twice"),
         ("n-up=2", "n-up is '2'"),
         ("n-up=2x99", "n-up is '2x99'"),
         ("sides=2,order=loop", "order is 'loop'"),
@@ -221,7 +221,7 @@ def test_words_that_are_none_are_refused_in_one_line(words: str, said: str) -> N
 def test_sets_that_do_not_fit_and_too_large_pages_are_refused() -> None:
     with pytest.raises(
         RequestError,
-        match="the 5 pages of the job lie on 3 sheets, and a set takes 2 sheets; give pages-a-set=2 or 6, so",
+        match="the 5 pages of the job fill 3 sheets, and a set takes 2 sheets; give pages-a-set=2 or 6, so",
     ):
         Layout.parse("sides=2,pages-a-set=4").of(5)
     with pytest.raises(RequestError, match=r"need 420.0 x 297.0 mm, and the sheet has 320 x 450 mm"):

@@ -143,5 +143,5 @@ def test_what_is_wrong_is_one_line(path: Path, scenes: Scenes, capsys: pytest.Ca
     )
     assert run(["chart", "make", "--ruler", "--size", "A4", "-o", str(path.parent)]) == 2
     assert capsys.readouterr().err.startswith(
-        "prooflight: --size: 'A4' is no width and height; write e.g. 210x297"
+        "prooflight: --size: 'A4' is not a width and a height; write e.g. 210x297"
     )

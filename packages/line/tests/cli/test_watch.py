@@ -262,7 +262,7 @@ def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
     assert run(["run", "show", "--journal", str(journal)]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "suspended from sheet 2 on" in shown
-    assert "promise suspended; this press's good pages are not like those" in shown  # the note of sheet 2
+    assert "promise suspended; this press's good pages differ from those" in shown  # the note of sheet 2
     assert run(["runs", "--journal", str(journal), "--json"]) == 0
     (facts,) = json.loads(capsys.readouterr().out)
     assert (facts["promise_suspended_from"], facts["counts"]["promise_suspended"]) == (2, 4)

@@ -206,7 +206,7 @@ def test_a_blank_back_passes_in_a_run_and_ink_on_it_spoils_the_sheet_and_no_page
 @pytest.mark.parametrize(
     ("layout", "said"),
     [
-        ("sides=2,pages-a-set=6", "the 8 pages of the job lie on 4 sheets, and a set takes 3 sheets"),
+        ("sides=2,pages-a-set=6", "the 8 pages of the job fill 4 sheets, and a set takes 3 sheets"),
         ("sides=2,n-up=2x1,sheet=30x40", "2 x 1 pages need 34.0 x 30.0 mm, and the sheet has 30 x 40 mm"),
         ("sides=2,n-up=2x1,pages-a-set=6", "a set takes 6 pages, and a sheet 4"),
         ("duplex", "'duplex' is none of sides, order"),

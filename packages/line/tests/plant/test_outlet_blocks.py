@@ -124,7 +124,7 @@ def test_topics_and_ports_have_defaults() -> None:
         ('[plant.opcua]\ncertificate_file = "c.pem"', "needs both certificate_file and key_file"),
         ('[plant.opcua]\nuser = "u"', "needs user and either password_file or password_env"),
         ("[plant.opcua]\nanonymous = false", "anonymous = false needs user"),
-        ('[plant.opcua]\nuser = "u"\npassword_env = "X"', "its password would be read on the way"),
+        ('[plant.opcua]\nuser = "u"\npassword_env = "X"', "its password would be sent unencrypted"),
         ("[plant]\nroom = 0", "plant.room"),
         ("[plant.fax]\nnumber = 1", "plant.fax is not a known field"),
     ],

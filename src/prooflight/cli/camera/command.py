@@ -163,11 +163,12 @@ def characterise(
         ),
     ] = None,
     flat: Annotated[
-        list[str] | None, typer.Option(metavar="F.tif", help="Exposures of even light, at 8 or more levels.")
+        list[str] | None,
+        typer.Option(metavar="F.tif", help="Exposures of uniform light, at 8 or more levels."),
     ] = None,
     like: Annotated[
         Path | None,
-        typer.Option(metavar="PRESS.toml", help="Press file for the values that exposures cannot show."),
+        typer.Option(metavar="PRESS.toml", help="Press file for the values that exposures do not show."),
     ] = None,
     voltage_swing_v: Annotated[
         float | None, typer.Option(metavar="V", help="Full scale of the converter [V]; default as in --like.")

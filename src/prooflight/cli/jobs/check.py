@@ -334,6 +334,6 @@ def _spectral(stated: StatedSpots, name: str, cmyk: tuple[int, ...]) -> str:
     """Return where an ink's spectrum is from, by what it is printed, and how far off it is, in one line."""
     light, colour = stated.light_off_percent(name), stated.delta_e00(name, cmyk or None)
     by = "its own unit" if name in stated.units else "process inks"
-    off = [] if colour is None else [f"{colour:.1f} CIEDE2000 off it"]
-    off += [] if light is None else [f"{light:.1f} % of white off its light"]
+    off = [] if colour is None else [f"{colour:.1f} CIEDE2000 off its colour"]
+    off += [] if light is None else [f"{light:.1f} % of white off its signal"]
     return f"Spectrum of {name}: {stated.spectrum_text(name)}; printed by {', '.join([by, *off])}"

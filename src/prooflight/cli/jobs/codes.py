@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-TOO_FINE = "not asked of scans: this camera is too coarse for it"
+TOO_FINE = "not checked in scans: the resolution of this camera is too low"
 
 
 def register(app: typer.Typer) -> None:

@@ -100,7 +100,7 @@ def _printed(done: Inspected[Any], shown: int) -> int:
 
 def _why(stopped: BaseException) -> str:
     if isinstance(stopped, KeyboardInterrupt):
-        return "the inspection was stopped before it"
+        return "the inspection was stopped before this page"
     if isinstance(stopped, (ProoflightError, OSError)):
-        return f"the inspection broke off: {reason_of(stopped, of='inspecting')}"
-    return f"the inspection broke off by a fault of its own: {type(stopped).__name__}"
+        return f"the inspection ended early: {reason_of(stopped, of='inspecting')}"
+    return f"the inspection ended with an internal error: {type(stopped).__name__}"

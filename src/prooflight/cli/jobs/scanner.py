@@ -112,6 +112,6 @@ def zones_of_scans(path: Path | None, sizes_mm: Sequence[tuple[float, float]]) -
 
     zones = JobZones.read(path, sizes_mm)
     if "careful" in zones.kinds:
-        what = "holds careful zones, which this way to compare scans does not know"
+        what = "holds careful zones, which this detector does not support"
         raise RequestError(path, what, remedy="leave them out, or choose --detector matched_filter")
     return zones

@@ -48,8 +48,8 @@ def zones_in_force(path: Path | None, job: Job, inspector: Inspector) -> JobZone
         and not model.recalibrations[-1].rests_on(zones_of_job.zones_digest)
     ):
         faults.report(
-            f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "
-            "of those alone; watch with --sample and calibrate it anew by pages with them"
+            f"{path.name}: press {press.name} was recalibrated with pages without these zones, so that its guaranteed "
+            "false-alarm rate holds for those only; watch with --sample and recalibrate it with pages that have them"
         )
     return zones_of_job
 
@@ -139,7 +139,7 @@ def job_zones(
         walked = numbers if json else show.progress(numbers, total=len(numbers), what="looking for zones")
         entries, unmet = _entries(opened, walked, rules, loaded)
     if not entries:
-        what = "; ".join(unmet) or "no page has anything that these rules name"
+        what = "; ".join(unmet) or "no page has a layer, annotation or code that these rules name"
         raise RequestError(
             job, what, remedy="name layers or annotations that it has, or give --press for its codes"
         )
@@ -268,7 +268,7 @@ def _say(price: Price) -> None:
     )
     if price.extrapolated:
         show.people.print(
-            "The careful zones' share of that is extrapolated: more --prints promise it by count."
+            "The careful zones' share of that is extrapolated: more --prints confirm it by count."
         )
 
 
@@ -353,7 +353,7 @@ def drop(
     if json:
         show.print_json({"zones": str(zones) if left else None, "left": [one.name for one in left]})
         return
-    show.people.print(f"{name}: taken back; {count(len(left), 'zone')} left")
+    show.people.print(f"{name}: removed; {count(len(left), 'zone')} left")
 
 
 DRAWN_DPI: Final = 100.0

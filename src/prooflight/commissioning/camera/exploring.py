@@ -216,7 +216,7 @@ def _set(press_file: PressFile, tree: dict[str, Any], field: str, value: int | f
     """Set ``field`` to ``value``; blocks that are not there yet are created, and checked with the rest."""
     names = field.split(".")
     if len(names) > _DEEPEST_FIELD:
-        what = f"{shortly(field)} is no field"
+        what = f"{shortly(field)} is not a field"
         raise PressFileError(press_file.path, what, remedy="name one field, e.g. lens.f_number")
     places: list[dict[str, Any]] = [tree]
     if names[0] == "sensor":

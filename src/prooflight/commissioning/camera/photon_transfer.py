@@ -188,7 +188,7 @@ def _usable(
     """
     if not dark or not flat:
         what, which = f"{len(dark)} dark and {len(flat)} flat exposures", "dark" if not dark else "flat"
-        remedy = f"record {which} exposures too: lens covered, and even light at 8 or more levels"
+        remedy = f"record {which} exposures too: lens covered, and uniform light at 8 or more levels"
         raise ScanError(f"{which} exposures", what, remedy=remedy)
     flat = sorted(flat, key=lambda exposure: exposure.mean_dn)
     highest = max(exposure.highest_dn for exposure in flat)
@@ -214,8 +214,10 @@ def _usable(
         what = f"rounding hides the noise: their variance is below {LEAST_VARIANCE_DN2:g} DN^2"
         raise ScanError("flat exposures", what, remedy="record with more bits or a higher gain of the camera")
     if _levels(loud, floor) < LEAST_LEVELS:
-        what = f"only {_levels(loud, floor)} levels of light lie between {floor:.0f} and {min(limit, ceiling):.0f} DN"
-        remedy = "record even light at 8 or more levels, from just above dark to saturation, without clipping"
+        what = f"only {_levels(loud, floor)} levels of light are between {floor:.0f} and {min(limit, ceiling):.0f} DN"
+        remedy = (
+            "record uniform light at 8 or more levels, from just above dark to saturation, without clipping"
+        )
         raise ScanError("flat exposures", what, remedy=remedy)
     return loud, saturation
 

@@ -235,16 +235,16 @@ def _given_fields(given: Given, number: int, *, pixels: int) -> tuple[dict[str, 
     fields: dict[str, Any] = {"name": like.name if like else f"sensor{number}", "pixels": pixels}
     sources = {"name": f"as in {given.like_name}" if like else "by its place", "pixels": "of the exposures"}
     for name in NOT_IN_EXPOSURES:
-        sources[name] = "exposures cannot tell it: fill it in, or give --like PRESS.toml"
+        sources[name] = "exposures do not show it: fill it in, or give --like PRESS.toml"
         if like is not None:
             fields[name] = getattr(like, name)
-            sources[name] = f"as in {given.like_name}: exposures cannot tell it"
+            sources[name] = f"as in {given.like_name}: exposures do not show it"
     if like is not None:
         curve = [round(float(share), _DIGITS) for share in like.quantum_efficiency]
         fields["quantum_efficiency"] = {"wave_nm": [int(wave) for wave in WAVE_NM], "qe": curve}
     for name, option in (("voltage_swing_v", "--voltage-swing-v"), ("bits", "--bits")):
         value = getattr(given.with_defaults(), name)
-        sources[name] = f"exposures cannot tell it: fill it in, or give {option}"
+        sources[name] = f"exposures do not show it: fill it in, or give {option}"
         if value is not None:
             fields[name] = value
             sources[name] = f"as in {given.like_name}" if getattr(given, name) is None else "as given"
@@ -270,7 +270,7 @@ def _notes(
         )
     if given.like is None:
         notes.append(
-            "black level and dark signal are one number here; --like PRESS.toml and a second line rate part them"
+            "black level and dark signal are one number here; --like PRESS.toml and a second line rate separate them"
         )
     if transfer.saturation_dn is None:
         notes.append("saturation was not reached")
@@ -285,7 +285,7 @@ def _notes(
         )
     if transfer.worst_residual > LARGE_RESIDUAL:
         notes.append(
-            f"a variance lies {transfer.worst_residual:.0f} standard errors off the straight line: the camera is not "
+            f"a variance is {transfer.worst_residual:.0f} standard errors from the straight line: the camera is not "
             "linear, or the lamp not steady"
         )
     return tuple(notes)

@@ -94,7 +94,7 @@ def find_chart(scan: ChartScan, layout: Layout) -> DetectedChart:
         if page is not None:
             refined, residual = _refined(light, to_pixel, layout)
             return DetectedChart(page=page, to_pixel=refined, residual_px=residual, marks=marks)
-    what = "marks of a chart, but no bar and page number beside them"
+    what = "marks of a chart, but no bar and page number next to them"
     raise ScanError(scan.path, what, remedy="give the recipe file of the chart that was scanned")
 
 

@@ -95,7 +95,7 @@ def read_patches(scan: ChartScan, chart: DetectedChart, placed: PlacedRecipes) -
     pixels = np.bincount(maps.patch.ravel(), minlength=len(here) + 1)[1:]
     off = int((pixels < _LEAST_PIXELS).sum())
     if off:
-        what = f"{off} of {len(here)} patches of page {chart.page} lie off the scan or are too small in it"
+        what = f"{off} of {len(here)} patches of page {chart.page} are outside the scan or too small in it"
         raise ScanError(scan.path, what, remedy="scan the whole page, at 100 dpi or more")
     _refuse_clipping(scan, maps)
     boxes = np.array([placed.layout.patch_box(row, column) for _, row, column in placed.place[here].tolist()])

@@ -194,7 +194,7 @@ def _curves(
         curves = profile_curves(profile, channels)
         if curves is None:
             what = "its ICC profile holds no curves of red, green and blue"
-            raise ScanError(path, what, remedy="scan without a profile, or say --encoding")
+            raise ScanError(path, what, remedy="scan without a profile, or give --encoding")
         return curves, "icc"
     return ([srgb_light] * channels, SRGB) if samples.dtype == np.uint8 else (None, LINEAR)
 

@@ -50,9 +50,7 @@ def read_scan(path: Path, placed: PlacedRecipes, *, encoding: str = AUTO) -> Sca
     image = read_chart_scan(path, encoding=encoding)
     chart = find_chart(image, placed.layout)
     if not 1 <= chart.page <= placed.pages:
-        what = (
-            f"another chart's scan: its page number is {chart.page}, the recipe file has {placed.pages} pages"
-        )
+        what = f"the scan is of another chart: it is page {chart.page}, the recipe file has {placed.pages}"
         raise ScanError(path, what, remedy="give the recipe file of the chart that was scanned")
     patches = read_patches(image, chart, placed)
     _refuse_other_chart(path, patches, placed)
@@ -80,5 +78,7 @@ def _refuse_other_chart(path: Path, patches: PatchReadings, placed: PlacedRecipe
         return
     agreement = float(spearmanr(usual, patches.light.mean(axis=0)).statistic)
     if not agreement >= _AGREES:
-        what = f"another chart's scan: patches and recipes agree with rank correlation {agreement:.2f}"
+        what = (
+            f"the scan is of another chart: patches and recipes agree with rank correlation {agreement:.2f}"
+        )
         raise ScanError(path, what, remedy="give the recipe file of the chart that was scanned")

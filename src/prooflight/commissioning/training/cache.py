@@ -149,7 +149,7 @@ def cached_press(
     path = cache_folder() / f"{digest}.press"
     cached = _load(path)
     if cached is not None:
-        progress(f"the press was trained before: taking it from {path.parent}")
+        progress(f"the press is trained already: using the one in {path.parent}")
         return cached
     built = build()
     _save(built, path)
@@ -185,4 +185,4 @@ def _save(press: Press, path: Path) -> None:
         for old in by_age[:-MOST_PRESSES]:
             old.unlink(missing_ok=True)
     except (OSError, ProoflightError) as error:
-        _log.debug("%s: trained presses cannot be kept (%s)", path.parent, error)
+        _log.debug("%s: trained presses cannot be stored (%s)", path.parent, error)

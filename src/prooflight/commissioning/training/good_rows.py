@@ -126,7 +126,7 @@ def read_waiting(artefact: Path, press: Press) -> GoodRows | None:
         texts, arrays = file.texts, file.arrays()
         sizes = {"statistics": detector.pages.values.shape[1], "features": PAGE_FEATURES}
         if texts.get("kind") == KIND and texts.get("measured_by") != _measured_by(press):
-            what = f"another build of {press.name} measured the pages that wait in it"
+            what = f"another build of {press.name} measured the pages that are stored in it"
             raise PressError(path, what, remedy=remedy)
         rows = _checked(texts, arrays, sizes)
     except (Damaged, Misfit) as error:

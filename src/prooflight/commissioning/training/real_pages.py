@@ -53,9 +53,9 @@ WIDE: Final = 1.5
 The amounts themselves are known to some ten per cent.
 """
 REMEDY: Final = (
-    "more than stated: state it in [variation] and build again; the promise already holds by press learn"
+    "more than stated: state it in [variation] and build again; after `press learn` the rate includes it"
 )
-FEW: Final = "not estimated: too few pages tell it"
+FEW: Final = "not estimated: too few pages"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +96,9 @@ class LearnedPages:
             lacking = FEWEST_REAL - count
             return f"{count} of {FEWEST_REAL} pages so far ({different}); learn {lacking} more"
         odds = round(1 / least_false_alarm_rate(count))
-        text = f"{count} pages learned ({different}): they alone support no rarer alarm than one in {odds:,}"
+        text = (
+            f"{count} pages learned ({different}): by themselves they support no rate below one in {odds:,}"
+        )
         if len(copies) == count:
             return text
         odds = round(1 / least_false_alarm_rate(len(copies)))

@@ -81,7 +81,9 @@ class Plan:
     def of(cls, designs: int) -> Plan:
         """Divide the designs; RequestError: too few."""
         if designs < FEWEST:
-            raise RequestError("designs", f"{designs} teach too little", remedy=f"ask for {FEWEST} or more")
+            raise RequestError(
+                "designs", f"{designs} designs are too few for training", remedy=f"give {FEWEST} or more"
+            )
         low, high = PILOT
         pilot = min(max(round(designs * PILOT_SHARE), low), high)
         return cls(pilot=range(pilot), calibrate=range(pilot, designs))

@@ -41,7 +41,7 @@ SRGB_TOE: Final = 0.0031308
 """Light up to which sRGB's curve is straight. [-]"""
 UM_PER_MM: Final = 1000
 NAME: Final = "drawn"
-GUARANTEE: Final = "none: docs/results/detector/real.md says how often sheets of two real copies alarm"
+GUARANTEE: Final = "none: docs/results/detector/real.md states how often sheets of two real copies alarm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,7 +165,7 @@ class DrawnDetector(PictureDetector):
         chain = self.chains.get(page.name) or self.chains.get("")
         if chain is None:
             remedy = "scan more of its pages, or choose --detector matched_filter"
-            raise RequestError(page.name, "no sheet tells how its scanner shows print", remedy=remedy)
+            raise RequestError(page.name, "no sheet shows how its scanner reproduces print", remedy=remedy)
         numbers = chain.numbers(grown_light(page, self.press_context), page.pixel_mm)
         golden = Golden(name=page.name, light=numbers, spread=chain.spread(numbers))
         pictures = replace(

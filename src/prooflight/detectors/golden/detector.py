@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 NAME: Final = "golden"
 GUARANTEE: Final = (
     "none: tolerances were tuned on real pairs, "
-    "docs/results/detector/golden.md says how often good ones alarm"
+    "docs/results/detector/golden.md states how often good ones alarm"
 )
 ZONES: Final[frozenset[Kind]] = frozenset({"ignore", "normal"})
 """Kinds of zones that a comparison with one expected picture knows."""
@@ -276,7 +276,7 @@ class GoldenSheet(PreparedOnly):
         return (
             f"the scan does not fit its golden: shifted by {across:.2f} x {along:.2f} mm, stretched by "
             f"{slopes[0, 0]:.1%} x {slopes[1, 1]:.1%}, turned by {turn_deg:.1f} degrees"
-            + (", and bent" if where.bent else f"; still {difference.misfit:.0%} of it lies off")
+            + (", and bent" if where.bent else f"; still {difference.misfit:.0%} of it does not fit")
         )
 
     def _inspection(
@@ -378,7 +378,7 @@ def _reason(likeness: float, *, off_place: bool, registered: bool, places: int) 
     if not registered:
         return f"the scan does not show what the golden shows: their edges agree to {max(likeness, 0):.0%}"
     if off_place:
-        return f"the page lies {WRONG_SHIFT_MM} mm or more from where the golden lies"
+        return f"the page is {WRONG_SHIFT_MM} mm or more off the position of the golden"
     if places:
         return f"{places} place{'s differ' if places > 1 else ' differs'} from the golden by more than good prints do"
     return ""

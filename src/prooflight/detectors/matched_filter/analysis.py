@@ -324,7 +324,7 @@ class ScanAnalysis:
 
 
 def _forgotten(*_: object) -> NoReturn:
-    raise RuntimeError("the scan's images are forgotten")
+    raise RuntimeError("the scan's images are no longer in memory")
 
 
 def analyse(

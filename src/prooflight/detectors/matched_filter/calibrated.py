@@ -436,7 +436,7 @@ def statistics_vector(
     if page_features.size == model.centre.shape[1]:
         with suppress(ValueError):
             return model.vector_of(statistics)
-    what = "its detector was taught by another version"
+    what = "its detector was trained by another version"
     raise PressError("press", what, remedy="build it again with `prooflight press build`")
 
 

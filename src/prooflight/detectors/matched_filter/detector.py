@@ -74,9 +74,9 @@ PICTURED_TILES: Final = 2
 STRONGEST: Final = 4
 """Number of families from which kind and place are taken."""
 ROWS_AT_ONCE: Final = 64
-UNPLACED: Final = "lines were lost, and the rest does not tell where the page lies"
+UNPLACED: Final = "lines were lost, and the rest does not show the position of the page"
 BLIND: Final = (
-    "camera column {} answers otherwise than it was calibrated, on the backing too: calibrate the columns"
+    "camera column {} responds differently from its calibration, on the backing too: calibrate the columns"
 )
 
 

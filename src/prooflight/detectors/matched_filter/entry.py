@@ -20,7 +20,7 @@ NAME: Final = "matched_filter"
 def model_of(press: DetectorPress) -> CalibratedDetector:
     """Return this detector's model on a press; RequestError: the press was not trained with it."""
     if NAME not in press.detectors:
-        what = f"{press.name} was not taught {NAME!r}"
+        what = f"{press.name} was not trained for {NAME!r}"
         raise RequestError("press", what, remedy="build it with `prooflight press build --detector quick`")
     return cast("CalibratedDetector", press.detectors[NAME])
 

@@ -59,10 +59,10 @@ OF_SCORE: Final = 0.5
 PAGES_TO_LEARN: Final = 40
 """Number of good pages that a person is asked to inspect. (assumed: what a person inspects in one session)"""
 TRAINING_REMEDY: Final = (
-    f"look at {PAGES_TO_LEARN} good pages and run `prooflight press learn X.press JOB SCANS --good`"
+    f"check {PAGES_TO_LEARN} good pages and run `prooflight press learn X.press JOB SCANS --good`"
 )
 FEEDBACK_REMEDY: Final = (
-    "watch runs with --sample, say what their sheets were, and run `prooflight press recalibrate`"
+    "watch runs with --sample, label their sheets, and run `prooflight press recalibrate`"
 )
 
 

@@ -189,7 +189,8 @@ def reason_for(
         case "banding":
             return f"bands across the page{_in(ink, distinct)}"
         case "unknown" if not registration.located:
-            return f"where the page lies cannot be told: {registration.reason or 'its tiles lie in different places'}"
+            why = registration.reason or "its tiles are at different positions"
+            return f"the position of the page cannot be determined: {why}"
     what = {
         "spots-voids": "spot" if _darker(statistic) else "void",
         "ghost-smear": "ghost",
@@ -222,7 +223,7 @@ def _of_gain(
     local = statistic is not None and _is_local(statistic.statistic)
     where = _around(region) if local else ""
     if not named:
-        return f"ink is off{where}"
+        return f"wrong amount of ink{where}"
     gain = gains[named]
     if kind == "missing-plane" and (local or gain < 0):
         adjective = "missing" if gain < MISSING_PERCENT or (local and not _darker(statistic)) else "weak"

@@ -272,7 +272,7 @@ class DetectorModel:
         check_arrays(own, table, sizes, under=under)
         index_of = {name: at for at, name in enumerate(stated.families)}
         if arrays["family"].tolist() != [index_of[one.cause] for one in stated.statistics]:
-            raise Misfit(f"{under}family", "must say of which family each statistic is")
+            raise Misfit(f"{under}family", "must state the family of each statistic")
         if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
             raise Misfit(f"{under}tail", "must begin where quantiles end")
         if stated.screened:
@@ -358,7 +358,7 @@ class DetectorModel:
         if which == self.statistics:
             return values_of(statistics)
         if self.screen is None or which != tuple(self.statistics[index] for index in self.screen.statistic):
-            raise ValueError("these are not the statistics that the model was taught by")
+            raise ValueError("these are not the statistics that the model was trained with")
         values = np.full(len(self.statistics), np.nan, np.float32)
         values[self.screen.statistic] = values_of(statistics)
         return values

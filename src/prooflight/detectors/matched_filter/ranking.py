@@ -154,7 +154,7 @@ class Forest:
         for side in ("left", "right"):
             down = arrays[side][branching]
             if (down <= branching).any() or (down >= nodes).any():
-                raise Misfit(f"{under}{side}", f"must lead from each node to one behind it, of {nodes}")
+                raise Misfit(f"{under}{side}", f"must lead from each node to one after it, of {nodes}")
 
     def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return log odds of rows (pages, columns): (pages,).

@@ -53,7 +53,7 @@ AMOUNTS: Final[tuple[tuple[str, ...], ...]] = (
 UNTOLD: Final = {
     "register.plane_clip_um": "a limit, which few planes reach",
     "ink.halftone_contrast": "within single pixels, where the camera's noise hides it",
-    "paper.specks_per_page": "too small to be told from noise one by one",
+    "paper.specks_per_page": "too small to be distinguished from noise individually",
     "paper.specks_ink_percent": "as specks_per_page",
     "paper.specks_diameter_mm": "as specks_per_page",
 }

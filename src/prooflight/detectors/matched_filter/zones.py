@@ -195,9 +195,13 @@ class ZonedJudge:
             len(calibration.careful_scores) > 1
             and len(calibration.careful_mean) == STATISTICS == len(calibration.careful_sd)
         ):
-            raise RequestError("zones", "their price is of other careful areas", remedy="price them again")
+            raise RequestError(
+                "zones", "their price was computed for other careful areas", remedy="price them again"
+            )
         if len(calibration.page_scores) < 2:
-            raise RequestError("zones", "their price is of fewer than 2 prints", remedy="price them again")
+            raise RequestError(
+                "zones", "their price was computed from fewer than 2 prints", remedy="price them again"
+            )
         good = calibration.careful_scores if careful else ()
         return cls(
             page_good=np.sort(np.array(calibration.page_scores, np.float64)),
@@ -247,7 +251,8 @@ class ZonedJudge:
         careful = max(self.share * nominal, GoodScores(worst=self.careful_good).least_rate)
         if careful > MOST_OF_RATE * nominal:
             count = self.careful_good.size
-            what = f"{count} prints cannot say how careful areas do in 1 of {1 / (self.share * nominal):,.0f} pages"
+            odds = f"{1 / (self.share * nominal):,.0f}"
+            what = f"{count} prints are too few for careful areas that alarm in 1 of {odds} pages"
             raise RequestError("zones", what, remedy=TOO_FEW)
         return nominal - careful, careful
 

@@ -285,7 +285,7 @@ def _check(statistics: NDArray[np.float64], labels: Sequence[str], misprint_rate
     elif bins < 2:
         message = f"bins must be at least 2, got {bins}"
     elif not 0 < misprint_rate < 1:
-        message = f"misprint_rate must lie between 0 and 1, got {misprint_rate}"
+        message = f"misprint_rate must be between 0 and 1, got {misprint_rate}"
     if message:
         raise ValueError(message)
 

@@ -71,7 +71,7 @@ class ChiSquare:
         """See ``EvidenceDetector``."""
         counts = stored.array("tile_histogram", "ui", (sensors, None, None, interval_shares().size))
         if int(counts.min()) < 0 or float(counts.max()) >= MOST_COUNT or not counts.any(axis=3).all():
-            raise stored.refusal("'tile_histogram' holds what are no counts of pixels")
+            raise stored.refusal("'tile_histogram' contains values that are not counts of pixels")
         return only(tile_histogram=counts.astype(np.int64))
 
     def decide(self, evidence: Evidence) -> Decision:

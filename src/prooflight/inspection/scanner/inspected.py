@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.scans.recorded import RecordedScan
 
-REMEDY: Final = "scan the page again, flat and whole, or leave it to a person"
+REMEDY: Final = "scan the page again, flat and whole, or have a person check it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +131,7 @@ def drawn_detector(
     for at, (number, scan) in enumerate(pairs):
         if not isinstance(scan, PlacedScan) or scan.nowhere:
             continue
-        progress(f"measuring how the scanner shows print, by {scan.scan.name}")
+        progress(f"measuring how the scanner reproduces print, from {scan.scan.name}")
         page = press.geometry.lay(opened(job).page(number))
         planned = PlannedPage(page, press_context, None if zones is None else zones.page(page))
         try:

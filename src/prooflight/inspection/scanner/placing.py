@@ -219,7 +219,7 @@ def placed(
             break
         where, drawn, agreement = moved, again, better
     if least_agreement_of_parts(drawn, expected) < LEAST_PART:
-        return where, "parts of the page lie elsewhere than the rest tells"
+        return where, "parts of the page are at other positions than the rest"
     if agreement >= SURE_AGREEMENT:  # what repeats within the page lies nowhere else within a feeder's reach
         return where, ""
     if agreement < LEAST_AGREEMENT:

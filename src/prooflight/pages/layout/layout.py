@@ -83,7 +83,7 @@ class Layout:
             if values is None:
                 raise RequestError(WHERE, f"{key} is {shortly(value)!r}", remedy=f"write {key}={example}")
             if fields[0] in given:
-                raise RequestError(WHERE, f"{key} is said twice", remedy="say it once")
+                raise RequestError(WHERE, f"{key} is given twice", remedy="give it once")
             given.update(zip(fields, values, strict=True))
         return _checked(cls(**given))  # type: ignore[arg-type]
 
@@ -130,7 +130,7 @@ class Layout:
         sheets, of_set = -(-pages // self.pages_a_sheet), self.sheets_a_set
         if of_set is not None and sheets % of_set and of_set % sheets:
             has, takes = _count(sheets, "sheet"), _count(of_set, "sheet")
-            what = f"the {_count(pages, 'page')} of the job lie on {has}, and a set takes {takes}"
+            what = f"the {_count(pages, 'page')} of the job fill {has}, and a set takes {takes}"
             whole = [size for size in range(1, sheets + 1) if sheets % size == 0]
             shown = whole if len(whole) <= MOST_NAMED else [*whole[: MOST_NAMED - 1], whole[-1]]
             fitting = " or ".join(str(size * self.pages_a_sheet) for size in shown)
@@ -245,9 +245,9 @@ def _checked(layout: Layout) -> Layout:
         wrong = f"places is {'-'.join(map(str, layout.places))}"
         remedy = f"name each page of a sheet once, {'-'.join(map(str, every))} in some order"
         if layout.repeat:
-            remedy = "leave it out: repeat lays one page at all places"
+            remedy = "leave it out: repeat puts one page at all positions"
     elif layout.sides == 1 and (layout.order != "alternate" or layout.backs != "upright"):
-        wrong, remedy = "order and backs are of sheets with two sides", "say sides=2"
+        wrong, remedy = "order and backs apply only to sheets with two sides", "state sides=2"
     elif layout.pages_a_set is not None and layout.pages_a_set % layout.pages_a_sheet:
         wrong = f"a set takes {_count(layout.pages_a_set, 'page')}, and a sheet {layout.pages_a_sheet}"
         remedy = f"give a multiple of {layout.pages_a_sheet}"

@@ -43,7 +43,7 @@ def printed_box(page: Any) -> tuple[Any, list[str]]:
             mupdf.pdf_dict_puts(page.obj(), name, instead)
             passed_over.append(f"its {name} has no area, and the next larger box is printed: set the {name}")
         elif not _overlap(box, media):
-            raise BoxError(f"has a {name} beside its MediaBox")
+            raise BoxError(f"has a {name} outside its MediaBox")
     turn = mupdf.pdf_dict_gets_inheritable(page.obj(), "Rotate")
     degrees = 0.0 if mupdf.pdf_is_null(turn) else _number(turn, "Rotate")
     if degrees % 90:

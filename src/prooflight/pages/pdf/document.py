@@ -75,7 +75,7 @@ def read_profile(path: Path, shown: str) -> bytes:
         raise ProfileError(shown, f"the profile is for {colours}, not CMYK", remedy=remedy)
     size = int.from_bytes(data[:4], "big")
     if size != len(data):
-        what = f"{len(data)} bytes where its header says {size}"
+        what = f"{len(data)} bytes where its header states {size}"
         raise ProfileError(shown, what, remedy="copy the profile again")
     try:
         icc_space(data)
@@ -150,7 +150,7 @@ class PdfFile:
             page = self._document[number - 1]
             images = [one for one in page.get_image_info() if not pymupdf.Rect(one["bbox"]).is_empty]
             if not images:
-                what = f"page {number} holds no picture, so it is no scan"
+                what = f"page {number} contains no picture, so it is not a scan"
                 raise ScanError(self._shown, what, remedy="give scans as PDF, JPEG, PNG or TIFF")
             # Devices cut a scan into strips, or add small pictures: the largest one states the resolution.
             largest = max(images, key=lambda one: one["width"] * one["height"])
@@ -354,7 +354,9 @@ class PdfFile:
             more = f", and {len(undecodable) - 1} more" if len(undecodable) > 1 else ""
             reason = messages if fault.only_short else fault.reason
             what = f"page {number}: {place}{more}, cannot be decoded ({reason})"
-            raise JobError(self._shown, what, remedy="put a sound image there, and export the page again")
+            raise JobError(
+                self._shown, what, remedy="replace it by an intact image, and export the page again"
+            )
         for place in places:
             message = f"{place}, lacks its last samples, which print as 0: export it again"
             self._warn(number - 1, "image-short", [message])
@@ -459,12 +461,12 @@ class PdfFile:
                 continue
             of_colours = bool(_OF_COLOURS.search(message))
             what = (
-                "a colour space cannot be used, and another stands in"
+                "a colour space cannot be used, and another is used instead"
                 if of_colours
                 else "parts may be missing"
             )
             kind = "colour-space" if of_colours else "renderer"
-            self._warn(page, kind, [f"{what}, for MuPDF says '{message}': correct it, and export it again"])
+            self._warn(page, kind, [f"{what} (MuPDF: '{message}'): correct it, and export it again"])
 
     def _warn(self, page: int, kind: str, messages: Iterable[str], name: str = "") -> None:
         for message in messages:

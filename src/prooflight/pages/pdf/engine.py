@@ -91,7 +91,7 @@ def _check_command(command: tuple[str, ...]) -> None:
     named = {match for argument in command for match in _PLACEHOLDER.findall(argument)}
     for name in PLACEHOLDERS:
         if name not in named:
-            message = f"command must say where {{{name}}} goes"
+            message = f"command must contain {{{name}}}"
             raise ValueError(message)
     if unknown := sorted(named - set(PLACEHOLDERS)):
         message = f"command names {{{unknown[0]}}}, only {', '.join(f'{{{name}}}' for name in PLACEHOLDERS)} are known"

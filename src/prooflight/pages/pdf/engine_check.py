@@ -118,7 +118,7 @@ def sentence(engine: RipEngine, dpi: float, differing: tuple[str, ...]) -> str:
     """Describe in one line how an engine drew the test page."""
     about = f"RIP {engine.name} at {dpi:.6g} dpi"
     if not differing:
-        return f"{about}: draws the test page as the PDF specification says"
+        return f"{about}: draws the test page as the PDF specification requires"
     more = f"; and {len(differing) - 2} more" if len(differing) > 2 else ""
     return f"{about}: differs on the test page: {'; '.join(differing[:2])}{more}"
 
@@ -191,7 +191,7 @@ def _edges(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
         "bottom": rows[-1] + 1 + window[0].start - bottom,
     }
     wrong = [
-        f"the {side} edge of its square lies {off:+.1f} pixels off"
+        f"the {side} edge of its square is {off:+.1f} pixels off"
         for side, off in offsets.items()
         if abs(off) > EDGE_PIXELS + 0.01
     ]
@@ -209,7 +209,9 @@ def _patches(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
         middle = cmyk[int(top + inner) : int(bottom - inner), int(left + inner) : int(right - inner)]
         printed = np.median(middle.reshape(-1, 4), axis=0).astype(int).tolist()
         if max(abs(one - other) for one, other in zip(printed, patch.cmyk, strict=True)) > INK_OFF_MAX:
-            wrong.append(f"{patch.name} comes to {_shown(printed)} where {_shown(patch.cmyk)} is right")
+            wrong.append(
+                f"{patch.name} prints as {_shown(printed)}, and should print as {_shown(patch.cmyk)}"
+            )
     return wrong
 
 

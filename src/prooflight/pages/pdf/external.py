@@ -121,7 +121,7 @@ def _warnings(page: PageToDraw, engine: RipEngine, messages: list[str]) -> Itera
     for line in dict.fromkeys(messages):
         if _GS_DAMAGE.search(line):
             what = f"Ghostscript leaves something out of it ({line})"
-            raise page.error(what, "correct what it complains of, and export the PDF again")
+            raise page.error(what, "correct what it reports, and export the PDF again")
         if font := _GS_FONT.match(line):
             message = f"the font {font[1]} is not embedded, and {Path(font[2]).name} is drawn in its place: embed it"
             yield PageWarning(page=place, kind="font-substituted", message=message, object_name=font[1])
@@ -225,7 +225,7 @@ def _read(page: PageToDraw, engine: RipEngine, path: Path) -> NDArray[np.uint8]:
     except JobError as error:
         raise page.error(f"what {engine.program} writes cannot be used: {error.what}", remedy) from None
     if abs(read.dpi / page.dpi - 1) > DPI_OFF_MAX:
-        what = f"{engine.program} writes {read.dpi:g} dpi where {page.dpi:g} was asked for"
+        what = f"{engine.program} writes {read.dpi:g} dpi where {page.dpi:g} was requested"
         raise page.error(what, remedy)
     rows, columns = read.cmyk.shape[:2]
     if max(abs(rows - page.rows), abs(columns - page.columns)) > PIXELS_OFF_MAX:

@@ -54,7 +54,7 @@ class RipLimits:
 
     @classmethod
     def of_environment(cls) -> RipLimits:
-        """Read the limits from the environment; RequestError if one that is set is no number above 0."""
+        """Read the limits from the environment; RequestError if one that is set is not a number above 0."""
         return cls(seconds=_number(SECONDS, USUAL_SECONDS), gigabytes=_number(GIGABYTES, USUAL_GIGABYTES))
 
 
@@ -232,5 +232,5 @@ def _number(name: str, usual: float) -> float:
     except ValueError:
         value = -1.0
     if not 0 < value < float("inf"):
-        raise RequestError(name, f"{text!r} is no limit", remedy=f"give a number above 0, as {usual:g}")
+        raise RequestError(name, f"{text!r} is not a limit", remedy=f"give a number above 0, as {usual:g}")
     return value

@@ -186,7 +186,7 @@ class Worker:
         path, shown, profile = Path(request["path"]), request["shown"], request["profile"]
         if file_stamp(path) != request["stamp"]:
             what = "has been changed while it was in use"
-            raise JobError(shown, what, remedy="leave it alone until the job is done")
+            raise JobError(shown, what, remedy="do not change it until the job is done")
         icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
         spots = [
             SpotPrint(name=name, mixture=tuple(map(_tuple, mixture))) for name, mixture in request["spots"]

@@ -87,7 +87,7 @@ def _root(text: str, where: str) -> Element:
         ElementTree.ParseError,
         ValueError,
     ) as error:  # ValueError: it names an encoding that text has not
-        raise ChartError(where, f"is no XML ({shortly(str(error))})", remedy=REMEDY) from None
+        raise ChartError(where, f"is not XML ({shortly(str(error))})", remedy=REMEDY) from None
 
 
 def _measurements(root: Element, name: str, where: str) -> Iterator[tuple[str, float, Element]]:
@@ -159,7 +159,9 @@ def _spectrum(where: str, spectrum: Element, specification: Element | None) -> N
         what = f"has a spectrum of {wave_nm[0]:g} to {wave_nm[-1]:g} nm, and 420 to 680 nm are needed"
         raise ChartError(where, what, remedy=REMEDY)
     if min(values) < 0 or max(values) > LARGEST:
-        raise ChartError(where, "has a reflectance factor that is none", remedy="give factors, 0 to about 1")
+        raise ChartError(
+            where, "has a value that is not a reflectance factor", remedy="give factors, 0 to about 1"
+        )
     return to_grid(wave_nm.astype(np.float64), np.array(values, np.float64))
 
 

@@ -207,7 +207,7 @@ class JobZones:
             for one, other in contested(zones)
         }
         return [
-            f"page {number}: the careful zone {one!r} overlaps the ignored {other!r}; there, careful counts"
+            f"page {number}: the careful zone {one!r} overlaps the ignored {other!r}; there, careful applies"
             for (one, other), number in pairs.items()
         ]
 
@@ -293,4 +293,4 @@ def _refuse_all_ignored(
     share = share_ignored(PageZones(zones=zones, careful_share=CAREFUL_SHARE), *size_mm)
     if share > MOST_IGNORED:
         what = f"zones ignore {share:.0%} of page {number}"
-        raise JobError(where, what, remedy=f"leave {1 - MOST_IGNORED:.0%} of each page to be judged")
+        raise JobError(where, what, remedy=f"leave {1 - MOST_IGNORED:.0%} of each page to be inspected")

@@ -55,7 +55,7 @@ class ScannerSettings:
     def __post_init__(self) -> None:
         if self.dpi is not None and not LEAST_DPI <= self.dpi <= DPI_MAX:
             remedy = f"give {LEAST_DPI:g} to {DPI_MAX:g} pixels per inch"
-            raise RequestError("--scan-dpi", f"{self.dpi:g} is no resolution of a scan", remedy=remedy)
+            raise RequestError("--scan-dpi", f"{self.dpi:g} is not a resolution of a scan", remedy=remedy)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ def _pages_of(path: Path) -> list[ScannedPage]:
     if not path.is_file():
         raise ScanError(path, "there is no such file or folder", remedy="give a scan or a folder of scans")
     if suffix not in (PDF, *SUFFIXES):
-        raise ScanError(path, "is no scan that is read", remedy=REMEDY)
+        raise ScanError(path, "is not a scan in a supported format", remedy=REMEDY)
     count = 1
     if suffix == PDF:
         try:

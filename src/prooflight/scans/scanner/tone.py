@@ -52,7 +52,7 @@ class Tone:
             raise RequestError("--tone", f"there is no tone {text!r}", remedy=_REMEDY) from None
         if gamma is not None and not LEAST_GAMMA <= gamma <= MOST_GAMMA:
             remedy = f"give a gamma of {LEAST_GAMMA} to {MOST_GAMMA}, srgb or linear"
-            raise RequestError("--tone", f"{curve} is no gamma of a scan", remedy=remedy)
+            raise RequestError("--tone", f"{curve} is not a gamma of a scan", remedy=remedy)
         if not (0 <= black < white <= 1 and math.isfinite(white)):
             raise RequestError("--tone", f"{text!r} has no black below its white", remedy=_REMEDY)
         return cls(gamma=gamma, black=black, white=white)

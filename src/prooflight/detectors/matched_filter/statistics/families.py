@@ -127,7 +127,7 @@ def remaining_statistics(
     if order is None:
         return list(by_statistic.values())
     if by_statistic.keys() != set(order):
-        raise ValueError("these are not the statistics asked for")
+        raise ValueError("these are not the requested statistics")
     return [by_statistic[which] for which in order]
 
 

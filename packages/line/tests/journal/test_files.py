@@ -88,7 +88,7 @@ def test_a_database_of_another_program_is_refused_to_the_last_byte(
             path = copy / path.name
     before = all_of(path.parent)
     for read_only in (False, True):
-        with pytest.raises(JournalError, match="is a database, but no journal"):
+        with pytest.raises(JournalError, match="is a database, but not a journal"):
             Journal.open(str(path), read_only=read_only)
         assert all_of(path.parent) == before
 

@@ -41,7 +41,7 @@ def prepare(
     source = job_source(job, loaded, profile=profile)
     store = PreparedStore.of(inspector, source)
     if store is None:
-        what = f"press {loaded.name} is not trained, or its own RIP draws, and nothing can be stored for it"
+        what = f"press {loaded.name} is not trained, or uses its own RIP, so nothing can be stored for it"
         raise RequestError(press, what, remedy="leave `job prepare` out: each run prepares the job")
     with source.open() as opened:
         lacking = [number for number in range(1, len(opened) + 1) if not store.holds(number)]

@@ -61,9 +61,11 @@ def fill(
         ),
     ] = WAIT_S,
     tickets: Annotated[
-        bool, typer.Option("--tickets", help="Every job has a ticket: a file waits for it, as long.")
+        bool, typer.Option("--tickets", help="Every job has a ticket: a file waits as long for it.")
     ] = False,
-    once: Annotated[bool, typer.Option("--once", help="Take in what is whole now, and end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Take in the files that are complete now, and end.")
+    ] = False,
     json: Json = False,
     log: LogOption = "text",
 ) -> None:

@@ -139,7 +139,7 @@ def show_run(
         assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
         _print_run(run_row, opened)
     if total:
-        show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
+        show.people.print(_page_table(shown, title="All pages" if every else "Pages to check"))
     elif not damaged.count:
         show.people.print(
             "Every page was good, in time and without a fault." if run_row.pages else "No pages."
@@ -273,8 +273,8 @@ def replay(
         page = opened.page(run_row.id, sheet)
         where = opened.path
     if page.evidence is None:
-        what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
-        raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
+        what = f"no evidence of sheet {sheet} of run {run_row.id} is stored"
+        raise RequestError(where, what, remedy="store more, or for longer: see docs/how-to/journal.md")
     figures = replayed(page.verdict, page.evidence, loaded)
     same = all(figure.same for figure in figures)
     if json:
@@ -355,19 +355,21 @@ def hold(
 
 @app.command()
 def tidy(
-    days: Annotated[float, typer.Option(help="Days to keep runs after they ended.", min=0.001)] = float(
-        "inf"
-    ),
+    days: Annotated[
+        float, typer.Option(help="Days for which runs are stored after their end.", min=0.001)
+    ] = float("inf"),
     megabytes: Annotated[
         float,
-        typer.Option(help="Megabytes to keep; the oldest evidence is removed first, then runs.", min=0.001),
+        typer.Option(
+            help="Megabytes that remain; the oldest evidence is removed first, then runs.", min=0.001
+        ),
     ] = float("inf"),
     rules: Annotated[
         Path | None,
         typer.Option("--rules", metavar="RULES.toml", help="Rules by customer and class, instead of --days."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="List what would go, and remove nothing.")
+        bool, typer.Option("--dry-run", help="List what would be removed, and remove nothing.")
     ] = False,
     journal: JournalUrl = None,
     json: Json = False,
@@ -382,8 +384,8 @@ def tidy(
     retention = _retention(days=days, megabytes=megabytes, rules=rules)
     if dry_run:
         if megabytes < float("inf"):
-            remedy = "leave --megabytes out: how much evidence it takes shows when it goes"
-            raise RequestError("run tidy", "--dry-run lists what goes by its age alone", remedy=remedy)
+            remedy = "leave --megabytes out: which evidence must go for it is determined during removal"
+            raise RequestError("run tidy", "--dry-run lists only what is removed by its age", remedy=remedy)
         with reading(journal) as seen:
             _print_due(seen.due(retention, now_s=time.time()), json=json)
         return

@@ -131,7 +131,7 @@ WRITTEN: Final = _numbered(
         ("result", 1, "1 accept, 2 divert, 3 divert and stop the press"),
         ("code", 1, "why: see the codes"),
         ("position", 2, "encoder count at which the sheet's leading edge reaches the gate's eye"),
-        ("tolerance", 1, "counts before and behind `position` within which it is this sheet"),
+        ("tolerance", 1, "counts before and after `position` within which it is this sheet"),
     ),
     first=0,
 )
@@ -149,7 +149,7 @@ READ: Final = _numbered(
         ("encoder", 2, "encoder count now, which only rises and wraps at 2^32"),
         ("sheets_at_gate", 2, "sheets that have reached the gate's eye"),
         ("last_tag", 2, "tag of the last of them; 0: no result was found for it"),
-        ("last_tray", 1, "where it went: 1 good, 2 reject"),
+        ("last_tray", 1, "its tray: 1 good, 2 reject"),
         ("in_good", 2, "sheets in the good tray"),
         ("in_reject", 2, "sheets in the reject tray"),
     ),

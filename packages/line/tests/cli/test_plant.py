@@ -247,7 +247,7 @@ def test_a_press_file_without_a_plant_has_nothing_to_check(
     tmp_path: Path, prototype: PressFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "press.toml").write_text(prototype.text)
-    refused(["plant", "check", str(tmp_path / "press.toml")], "has no [gate] and no [plant]", capsys)
+    refused(["plant", "check", str(tmp_path / "press.toml")], "has no gate and no outlet", capsys)
     refused(["plant", "simulate", str(tmp_path / "press.toml")], "has no [gate]", capsys)
 
 

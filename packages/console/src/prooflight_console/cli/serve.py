@@ -271,7 +271,7 @@ def token(
     journal: JournalUrl = None,
     data: Data = None,
 ) -> None:
-    """Print a new token of a user for a program, as Prometheus; it is shown this once."""
+    """Print a new token of a user for a program, such as Prometheus; it is shown only once."""
     from prooflight_console.accounts.roles import Scope
 
     for one in scope or ():
@@ -339,9 +339,9 @@ def verify(
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """Check that every row of the console's audit is as it was written; exits 1 if not.
+    """Verify that no row of the console's audit was changed; exits 1 if one was.
 
-    Note the head that it prints, elsewhere: with --head it then reports also whether the end was cut off.
+    Store the printed head elsewhere: with --head it then also reports whether the end was cut off.
     """
     from dataclasses import asdict
 

@@ -23,11 +23,11 @@ def prepare(
     ] = DISK_GB,
     cluster: ClusterAt = None,
 ) -> None:
-    """Prepare the pages of a job for a press, so that `watch` of both begins at once.
+    """Prepare the pages of a job for a press, so that `watch` of both starts at once.
 
-    What was prepared is found again by the content of job and press, and by this version of the program. The least
-    recently used jobs are removed where all take more than --disk. Pages that are stored already are left, so that a
-    command that was stopped goes on where it ended.
+    Prepared pages are identified by the content of job and press, and by this version of the program. The least
+    recently used jobs are removed where all take more than --disk. Pages that are stored already remain, so that a
+    command that was stopped continues where it ended.
     """
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.prepared_store import PreparedStore, clean

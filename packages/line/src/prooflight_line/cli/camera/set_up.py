@@ -50,7 +50,7 @@ def set_up(
     """Set a line camera up step by step: dark, light, focus, width, encoder; and write the press file.
 
     Each step shows what to do, waits for Enter, measures, and reports its result. Comments of the press file
-    stay. A set-up that was stopped continues where it was.
+    remain. A set-up that was stopped continues where it ended.
     """
     from prooflight.press.press_file import PressFile
     from prooflight_line.camera_set_up import wizard

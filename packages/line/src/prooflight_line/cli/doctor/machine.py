@@ -140,7 +140,10 @@ def _of_memory() -> Finding:
         )
     if free_gb < GOOD_MEMORY_GB:
         return Finding(
-            what="memory", state="look", detail=detail, remedy=f"{GOOD_MEMORY_GB:g} GB store more designs"
+            what="memory",
+            state="look",
+            detail=detail,
+            remedy=f"{GOOD_MEMORY_GB:g} GB have room for more designs",
         )
     return Finding(what="memory", state="good", detail=detail)
 

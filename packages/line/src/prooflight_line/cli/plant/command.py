@@ -41,13 +41,13 @@ def check(
     press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],
     json: Json = False,
 ) -> None:
-    """Try the gate's controller and every outlet, and report which answer; exits 2 if one does not."""
+    """Check the connections to the gate's controller and to every outlet; exits 2 if one does not answer."""
     from prooflight.press.press_file import PressFile
     from prooflight_line.plant.checking import answers
 
     results = answers(PressFile.read(press_file))
     if not results:
-        what = "has no [gate] and no [plant]"
+        what = "has no gate and no outlet"
         raise RequestError(press_file, what, remedy="add [gate]; see docs/how-to/gate.md")
     if json:
         show.print_json([asdict(one) for one in results])
@@ -81,7 +81,7 @@ def simulate(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Simulate a controller with a gate and two trays. `watch --source drum:N --plant ...` fills its belt."""
+    """Simulate a controller with a gate and two trays. `watch --source drum:N --plant ...` supplies its sheets."""
     from prooflight.press.gate import GateSettings, PlcSettings
     from prooflight.press.press_file import PressFile
     from prooflight_line.plant.simulator.belt import Belt
@@ -172,7 +172,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _answers_table(results: list[Answer]) -> Any:
-    headings = ("what", "where", "answers", "answer")
+    headings = ("what", "where", "answers", "detail")
     table = show.table_of("The plant", headings, text_columns=headings)
     for one in results:
         label = Text("yes", style="green") if one.answers else Text("no", style="bold red")

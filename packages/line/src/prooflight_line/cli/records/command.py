@@ -81,9 +81,9 @@ def ship(
     ] = False,
     log: LogOption = "text",
 ) -> None:
-    """Ship this press's journal as it grows. A server that is away is waited for; the journal keeps all.
+    """Ship this press's journal as it grows. While the server does not answer, the journal stores all rows.
 
-    End it at any moment and in any way: nothing is lost, nothing is there twice, and the next one goes on.
+    End it at any moment and in any way: nothing is lost, no row is shipped twice, and the next start continues.
     """
     from prooflight_line.journal.opening import journal_path
     from prooflight_line.records.database import connect, url_or_variable

@@ -263,7 +263,7 @@ def replay(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
+    """Recalculate a verdict from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
     from prooflight_line.run_package.run_press import press_of_run
 
@@ -308,7 +308,7 @@ def reconcile(
 ) -> None:
     """Account for every sheet of a run with a gate, in the journal and in the trays alike.
 
-    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate,
+    Exits 1 if a sheet is in the good tray against its decision, 3 if one has a verdict and was not seen at the gate,
     or if the controller's log differs from what the controller reported over the wire.
     """
     with reading(journal) as opened:
@@ -329,7 +329,7 @@ def reprint_list(
     """List every sheet that the job needs and that is not in the good tray, its position in the stack, and why.
 
     For a run without a gate, list every sheet that was not judged good, nor labelled a false alarm, nor
-    vouched for.
+    released manually.
     """
     with reading(journal) as opened:
         run_gate.reprint_list(opened, run_of(opened, run), trays=trays, out=out, json=json)
@@ -376,7 +376,7 @@ def tidy(
 ) -> None:
     """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay.
 
-    What goes by its age is listed before it goes.
+    Runs and evidence to be removed by age are listed first.
     """
     from prooflight_line.journal.journal import Journal
     from prooflight_line.plant.gate.log import log_path
@@ -384,7 +384,7 @@ def tidy(
     retention = _retention(days=days, megabytes=megabytes, rules=rules)
     if dry_run:
         if megabytes < float("inf"):
-            remedy = "leave --megabytes out: which evidence must go for it is determined during removal"
+            remedy = "leave --megabytes out: the evidence to remove for it is determined during removal"
             raise RequestError("run tidy", "--dry-run lists only what is removed by its age", remedy=remedy)
         with reading(journal) as seen:
             _print_due(seen.due(retention, now_s=time.time()), json=json)

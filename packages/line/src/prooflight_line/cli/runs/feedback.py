@@ -61,7 +61,7 @@ def mark(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Label a sheet, also while its run goes on. Labels are added, none is replaced; the last one counts."""
+    """Label a sheet, also during its run. Labels are added, none is replaced; the last one counts."""
     from prooflight_line.journal.labels import GOOD, MOST_NOTE, Labels, LabelStore, run_key
 
     if word not in (*MARKS, UNDO):

@@ -142,7 +142,7 @@ def _print(accounts: Reconciliation, run: RunRow) -> None:
     if off := _off_facts(accounts):
         show.people.print(
             f"Sheets reached the gate {off['median']:+.1f} mm from the expected position (median), "
-            f"{off['greatest']:.1f} mm at most; add a constant offset to [gate] distance_mm."
+            f"{off['greatest']:.1f} mm at most; correct [gate] distance_mm by a constant offset."
         )
     for different in accounts.disagreements[:SHOWN]:
         where = different.file or "no row for it"

@@ -62,7 +62,7 @@ def package(
 ) -> None:
     """Write all evidence of a run into one signed archive, which `prooflight verify` checks years later.
 
-    Exits 1 if evidence that the journal names is missing; what is there was packaged.
+    Exits 1 if evidence that the journal names is missing; everything else was packaged.
     """
     from prooflight.files.atomic import whole_file
     from prooflight_line.run_package.archive import write_archive
@@ -128,7 +128,7 @@ def key(
     file: KeyFile = None,
     json: Json = False,
 ) -> None:
-    """Show the public key of packages; make the key if there is none, for its owner alone to read."""
+    """Show the public key of packages; create the key, readable by its owner alone, if there is none."""
     from prooflight_line.run_package.signing import SigningKey, default_key, public_path
 
     path = file or default_key()

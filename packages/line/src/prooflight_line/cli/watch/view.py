@@ -146,7 +146,7 @@ class Watching:
             if self.json:
                 show.print_json({"phase": str(status.phase), "detail": detail})
             else:
-                rest = "the press can print"
+                rest = "the press may print"
                 if self.at_once:
                     rest = f"sheets of others {'wait for theirs' if self.waits else 'are not inspected yet'}"
                 show.people.print(f"Ready after {status.elapsed_s:.0f} s, {ready}: {rest}")
@@ -231,7 +231,7 @@ class Watching:
             parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
         if status.unvouched:
             text = f"{count(status.unvouched, 'sheet')} printed well, but not released manually"
-            parts.append(f"{text}: lines of it were lost, or it came out of sequence")
+            parts.append(f"{text}: lines were lost, or the order was wrong")
         if too_late := self.too_late():
             parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:

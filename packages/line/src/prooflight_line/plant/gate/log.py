@@ -116,7 +116,7 @@ def rows_of(path: Path) -> Iterator[dict[str, Any]]:
                 return
             raise PlantError(path, f"line {number} is not JSON", remedy="remove it") from error
         if not isinstance(row, dict) or not isinstance(row.get("kind"), str):
-            raise PlantError(path, f"line {number} is not a line of a gate's log", remedy="take it out")
+            raise PlantError(path, f"line {number} is not a line of a gate's log", remedy="remove it")
         yield row
 
 
@@ -154,7 +154,7 @@ class LoggedDecisions:
             try:
                 decisions._add(row)
             except (KeyError, TypeError) as error:
-                raise PlantError(path, f"a line lacks {error}", remedy="take it out") from error
+                raise PlantError(path, f"a line lacks {error}", remedy="remove it") from error
         return decisions
 
     def _add(self, row: dict[str, Any]) -> None:

@@ -169,7 +169,7 @@ def test_an_address_that_is_none_is_no_trusted_proxy(
     given = ["serve", "--journal", str(tmp_path / "j.sqlite"), "--trusted-proxy", "my proxy"]
     assert run(given) == 2
     said = capsys.readouterr().err
-    assert "'my proxy' is no address" in said
+    assert "'my proxy' is not an address" in said
     assert said.count("\n") == 1
 
 

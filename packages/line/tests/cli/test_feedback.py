@@ -101,7 +101,7 @@ def test_a_mark_reaches_a_run_that_is_going_on(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("run", "mark", "1", "7", "bad", "--by", "Mei"), "there is no 'bad'"),
+        (("run", "mark", "1", "7", "bad", "--by", "Mei"), "there is no label 'bad'"),
         (("run", "mark", "1", "8", "good", "--by", "Mei"), "run 1 has no sheet 8"),
         (("run", "mark", "9", "7", "good", "--by", "Mei"), "there is no run 9"),
         (("run", "mark", "1", "7", "good", "--by", " "), "name"),

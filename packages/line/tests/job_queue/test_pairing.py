@@ -113,7 +113,7 @@ def test_a_bad_ticket_goes_with_its_job(filling: Filling) -> None:
     filling.send("menu.pdf", "good")
     ((stage, name, why),) = filling.fill()
     assert (stage, name) == ("rejected", "menu.pdf")
-    assert why.startswith("menu.xjdf, line 1: is no XML")
+    assert why.startswith("menu.xjdf, line 1: is not XML")
     (entry,) = filling.folder.entries("rejected")
     assert sorted(file.name for file in entry.path.iterdir()) == ["menu.pdf", "menu.xjdf", "reason.txt"]
     assert filling.ordered == []

@@ -134,10 +134,10 @@ def test_encodings_and_a_prefix_are_read(tmp_path: Path) -> None:
         (XJDF, "menu%20of%20today.pdf", "http://host/a.pdf", "outside this folder"),
         (XJDF, "menu%20of%20today.pdf", "order.xjdf", "which is a ticket"),
         (XJDF, '<Resource Brand="Gloss Art">', "<Resource><Part/><GeneralID/>", "line 15, GeneralID: has no IDUsage"),
-        (XJDF, '<ResourceSet Name="Media"', '<ResourceSet Name="Layout"', "Media: stands in Resource of Layout"),
+        (XJDF, '<ResourceSet Name="Media"', '<ResourceSet Name="Layout"', "Media: is in Resource of Layout"),
         (XJDF, '<ProductList>', '<Product/><ProductList>', "Product: is not allowed in XJDF"),
         (XJDF, '  <ProductList>', '<ResourceSet Name="A"/><ProductList>', "ProductList: comes after ResourceSet"),
-        (XJDF, "</XJDF>", "", "is no XML"),
+        (XJDF, "</XJDF>", "", "is not XML"),
         (XJDF, "JDFSchema_2_0", "JDFSchema_9", "is not a ticket: http://www.CIP4.org/JDFSchema_9"),
         (JDF, 'ID="n1" ', "", "JDF: has no ID"),
         (JDF, 'Version="1.7"', "", "is of version none; send JDF 1.x"),
@@ -179,7 +179,7 @@ def test_nothing_is_loaded_and_nothing_grows(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="more than 20000 elements"):
         ticket(tmp_path, XJDF.replace("<ProductList>", "<ProductList>" + "<Product/>" * 20_000))
     deep = XJDF.replace("<Resource>", "<Resource>" + "<a>" * 5000, 1)
-    with pytest.raises(InputError, match="is no XML"):
+    with pytest.raises(InputError, match="is not XML"):
         ticket(tmp_path, deep)
 
 

@@ -175,7 +175,7 @@ def test_what_can_be_no_file_is_refused(tmp_path: Path, read_only: bool) -> None
     (tmp_path / "link.sqlite").symlink_to(tmp_path / "j.sqlite")
     for name, said in (
         ("", "is a folder"),
-        ("pipe", "is no file"),
+        ("pipe", "is not a file"),
         ("file/j.sqlite", "not a directory"),
         ("x" * 300, "name too long"),
         ("j\0.sqlite", "null"),

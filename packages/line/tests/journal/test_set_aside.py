@@ -61,7 +61,7 @@ def test_a_camera_count_that_no_row_can_hold_costs_one_page(
         assert row.end is not None
         assert row.end.counts["journalled"] == 12
     assert sheets(path) == [sheet for sheet in range(13) if sheet != 4]
-    assert "sheet 4 of run 1 (first_line: " in said[0]
+    assert "sheet 4 of run 1 cannot be stored as a row (first_line: " in said[0]
     assert said[1].endswith(
         "1 of the reported pages are not recorded; 1 of them are in journal.sqlite.aside.jsonl"
     )

@@ -316,7 +316,7 @@ def test_queries_are_answered_by_the_last_sheets() -> None:
         ("<XJMF", "ResponseNotification", "3", "this is not XJMF"),
         ("<JMF/>", "ResponseNotification", "3", "the root is not XJMF"),
         (f'<XJMF xmlns="{xjmf.NAMESPACE}"/>', "ResponseNotification", "5", "one query at a time"),
-        (QUERY.format("Media", ""), "ResponseResource", "6", "Media is not known here"),
+        (QUERY.format("Media", ""), "ResponseResource", "6", "Media is unknown here"),
         (
             QUERY.format("QualityControlResult", '<Subscription URL="http://127.0.0.1/"/>'),
             "ResponseResource",

@@ -88,5 +88,5 @@ def test_what_is_no_key_is_refused_in_one_line(tmp_path: Path) -> None:
         SigningKey.load(bad)
     with pytest.raises(RequestError, match="is not a public key"):
         PublicKey.read(bad)
-    with pytest.raises(RequestError, match="there is no key; make one"):
+    with pytest.raises(RequestError, match="there is no key; create one"):
         SigningKey.load(tmp_path / "none.key")

@@ -92,7 +92,7 @@ def test_an_end_that_was_cut_off_shows_beside_a_head_that_was_noted(
     spoil(console, "DELETE FROM audit WHERE id = (SELECT max(id) FROM audit)")
     assert prooflight(command) == 0, "the chain alone cannot know"
     assert prooflight([*command, "--head", head]) == 1
-    assert "cut off or made anew" in capsys.readouterr().err
+    assert "cut off or rebuilt" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("sql", ["UPDATE audit SET who = 'x'", "DELETE FROM audit"])

@@ -259,7 +259,7 @@ def test_costs_change_like_a_threshold_and_labels_keep_counting(
     assert "2 cents for a false alarm, 50 for" in engineer.get("/press/engineering").text
     assert engineer.get("/press/engineering/thresholds").text.count("<tr") == 14
     assert "The present labels result in" in engineer.get("/press/engineering/calibration").text
-    assert "they are those in use" in step(**given).why
+    assert "they are already in use" in step(**given).why
     # The runs of the press before it have its scores: their labels set its threshold.
     assert step(step="recalibrate", guaranteed_pages="10").facts["effect"]["fewer"] == 31
 

@@ -113,7 +113,7 @@ def test_a_run_without_a_gate_and_a_damaged_log_are_told(console: Served) -> Non
     for path in (GATE, f"{GATE}/log"):
         answer = viewer.get(path)
         assert (answer.status_code, answer.json()["type"]) == (409, "urn:prooflight:unusable")
-        assert "line 2 is no JSON" in answer.json()["detail"]
+        assert "line 2 is not JSON" in answer.json()["detail"]
 
 
 @pytest.fixture

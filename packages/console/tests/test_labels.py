@@ -238,7 +238,7 @@ def test_the_command_line_undoes_too(console: Served, capsys: pytest.CaptureFixt
     assert again(viewer) == [*BLIND, 20, 21]
     capsys.readouterr()
     assert run([*mark[:4], "undo", *mark[4:]]) == 2
-    assert "nobody has said what sheet 20" in capsys.readouterr().err
+    assert "sheet 20 of run 1 has no label" in capsys.readouterr().err
     assert run([*mark[:4], "vouched", *mark[4:]]) == 2
 
 

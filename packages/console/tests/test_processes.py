@@ -30,7 +30,7 @@ PYTHON_S_OWN = ("terminated abruptly", "process pool", "Errno", "Error", "Traceb
 def one_line(text: str, *named: str) -> None:
     assert "\n" not in text
     assert not [word for word in PYTHON_S_OWN if word in text], text
-    for word in (*named, "ask again"):
+    for word in (*named, "try again"):
         assert word in text
 
 

@@ -137,17 +137,17 @@ def test_coming_back_leads_to_no_other_site(plant: Plant, address: str) -> None:
         ({"nonce": None}, "of another sign-in"),
         ({"aud": "another"}, "for another program"),
         ({"aud": None}, "for another program"),
-        ({"aud": [CLIENT, "another"]}, "made for another program"),
-        ({"aud": [CLIENT], "azp": "another"}, "made for another program"),
+        ({"aud": [CLIENT, "another"]}, "issued for another program"),
+        ({"aud": [CLIENT], "azp": "another"}, "issued for another program"),
         ({"iss": "http://127.0.0.1:1"}, "of another issuer"),
         ({"exp": 1_000_000 - LEEWAY_S}, "has expired"),
-        ({"exp": None}, "does not say when"),
-        ({"exp": "never"}, "does not say when"),
-        ({"iat": 1_000_000 - OLDEST_S - LEEWAY_S - 1}, "of another time"),
-        ({"iat": 1_000_000 + LEEWAY_S + 1}, "of another time"),
-        ({"nbf": 1_000_000 + LEEWAY_S + 1}, "of another time"),
-        ({"sub": None}, "says nobody"),
-        ({"sub": ""}, "says nobody"),
+        ({"exp": None}, "does not state when"),
+        ({"exp": "never"}, "does not state when"),
+        ({"iat": 1_000_000 - OLDEST_S - LEEWAY_S - 1}, "not of the present time"),
+        ({"iat": 1_000_000 + LEEWAY_S + 1}, "not of the present time"),
+        ({"nbf": 1_000_000 + LEEWAY_S + 1}, "not of the present time"),
+        ({"sub": None}, "names no user"),
+        ({"sub": ""}, "names no user"),
     ],
 )
 def test_an_id_token_that_is_not_meant_lets_nobody_in(
@@ -183,7 +183,7 @@ def test_a_return_works_once_and_only_in_the_browser_that_began(plant: Plant) ->
     back = plant.begun(client)
     other = plant.console.client()
     answer = other.get(back, follow_redirects=False)
-    assert (answer.status_code, "this browser began no such sign-in" in answer.text) == (400, True)
+    assert (answer.status_code, "this browser did not start this sign-in" in answer.text) == (400, True)
     state = client.cookies.get("prooflight-state")
     assert client.get(back, follow_redirects=False).status_code == 303
     client.cookies.set("prooflight-state", state, domain="testserver.local")
@@ -279,7 +279,7 @@ def test_what_the_provider_says_is_not_changed_here(plant: Plant) -> None:
     assert '"/setup/users/Ann/role"' not in page
     for changes in ({"role": "admin"},):
         answer = admin.patch("/api/v1/people/Ann", json=changes)
-        assert (answer.status_code, "say their role" in answer.json()["detail"]) == (409, True)
+        assert (answer.status_code, "determine the role" in answer.json()["detail"]) == (409, True)
     assert admin.post("/api/v1/people/Ann/link").status_code == 409
     assert admin.patch("/api/v1/people/Ann", json={"locked": True}).status_code == 200
     plant.refused(403, "Ann, your account for this console is locked")
@@ -357,11 +357,11 @@ def test_a_provider_that_comes_again_is_asked_again(plant: Plant) -> None:
 @pytest.mark.parametrize(
     ("described", "says"),
     [
-        ({"issuer": "http://127.0.0.1:1"}, "it calls itself"),
-        ({"token_endpoint": None}, "it says no token_endpoint"),
-        ({"token_endpoint": "http://elsewhere.example/token"}, "can be read along"),
-        ({"authorization_endpoint": 7}, "it says no authorization_endpoint"),
-        ({"jwks_uri": "javascript:1"}, "it says no jwks_uri"),
+        ({"issuer": "http://127.0.0.1:1"}, "it states as its issuer"),
+        ({"token_endpoint": None}, "it states no token_endpoint"),
+        ({"token_endpoint": "http://elsewhere.example/token"}, "is not encrypted"),
+        ({"authorization_endpoint": 7}, "it states no authorization_endpoint"),
+        ({"jwks_uri": "javascript:1"}, "it states no jwks_uri"),
     ],
 )
 def test_a_provider_that_describes_itself_wrongly_is_not_asked(
@@ -375,7 +375,7 @@ def test_a_provider_that_describes_itself_wrongly_is_not_asked(
 @pytest.mark.parametrize(
     ("path", "body", "status", "says"),
     [
-        ("/keys", b"[]", 503, "is no object"),
+        ("/keys", b"[]", 503, "is not a JSON object"),
         ("/keys", b'{"keys": [{"kty": "none"}]}', 503, "keys cannot be read"),
         ("/.well-known/openid-configuration", b"<html>", 503, "is not JSON"),
     ],
@@ -422,14 +422,14 @@ def test_without_a_provider_there_is_no_such_page(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("[oidc]\n", "[iodc]\n", "iodc is not known here"),
-        ("[oidc]\n", "[oidc\n", "is no TOML"),
-        ("[oidc]\n", "[other]\n[oidc]\n", "other is not known here"),
+        ("[oidc]\n", "[iodc]\n", "iodc is unknown here"),
+        ("[oidc]\n", "[oidc\n", "is not TOML"),
+        ("[oidc]\n", "[other]\n[oidc]\n", "other is unknown here"),
         ('issuer = "http://127.0.0.1:9"', "", "oidc.issuer is missing"),
         ("http://127.0.0.1:9", "http://login.example", "oidc.issuer must begin with https"),
         ("http://127.0.0.1:9", "login.example", "oidc.issuer must be an address"),
         (ADDRESS, "http://console.example", "oidc.address must begin with https"),
-        ('client_secret_file = "secret"', 'client_secret = "x"', "must not stand in a file of settings"),
+        ('client_secret_file = "secret"', 'client_secret = "x"', "must not be in a file of settings"),
         (
             'client_secret_file = "secret"',
             'client_secret_file = "none"',
@@ -441,9 +441,9 @@ def test_without_a_provider_there_is_no_such_page(tmp_path: Path) -> None:
             "PROOFLIGHT_NONE is empty",
         ),
         ('client_secret_file = "secret"', 'client_secret_file = "a"\nclient_secret_env = "b"', "not both"),
-        ('name = "Plant login"', 'scopes = ["profile"]', 'must hold "openid"'),
-        ('name = "Plant login"', "when = 2026-01-01", "holds a date"),
-        ('name = "Plant login"', 'ca_file = "none.pem"', "oidc.ca_file: none.pem is no file"),
+        ('name = "Plant login"', 'scopes = ["profile"]', 'must contain "openid"'),
+        ('name = "Plant login"', "when = 2026-01-01", "contains a date"),
+        ('name = "Plant login"', 'ca_file = "none.pem"', "oidc.ca_file: none.pem is not a file"),
         ('operator = ["press-night", "press-day"]', 'boss = ["x"]', "oidc.roles.boss is not known here"),
         ('admin = ["it"]', "admin = [7]", r"oidc.roles.admin.1 "),
     ],

@@ -169,7 +169,7 @@ def test_an_address_that_is_none_is_no_trusted_proxy(
     given = ["serve", "--journal", str(tmp_path / "j.sqlite"), "--trusted-proxy", "my proxy"]
     assert run(given) == 2
     said = capsys.readouterr().err
-    assert "'my proxy' is no address" in said
+    assert "'my proxy' is not an address" in said
     assert said.count("\n") == 1
 
 
@@ -222,9 +222,9 @@ def test_an_admin_who_cannot_sign_in_yet_does_not_count(console: Served) -> None
         ("Jan\tMei", "on one line"),
         ("Jan\u200bMei", "on one line"),
         ("\u202eJan", "on one line"),
-        ("a/b", "names stand in addresses"),
+        ("a/b", "names are part of addresses"),
         ("..", "letters that can be printed"),
-        ("a?b", "names stand in addresses"),
+        ("a?b", "names are part of addresses"),
     ],
 )
 def test_a_name_that_people_cannot_tell_apart_or_that_breaks_a_line_or_an_address_is_refused(

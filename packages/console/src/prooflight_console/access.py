@@ -98,7 +98,7 @@ def authenticated(request: Request) -> Who | None:
         kind, _, secret = given.partition(" ")
         who = accounts.of_token(secret.strip()) if kind.lower() == "bearer" else None
         if who is None:
-            detail = "the token is unknown, revoked, or too old"
+            detail = "the token is unknown, revoked, or expired"
             raise Problem(401, "token", detail, headers={"WWW-Authenticate": "Bearer"})
         return who
     secret = request.cookies.get(cookie_name(request.app.state.console.settings), "")
@@ -147,7 +147,7 @@ def refuse_unguarded(app: FastAPI) -> None:
     """Raise EndpointError if an endpoint does not state who may call it."""
     for path, methods, stated in _stated(app):
         if stated is None:
-            what = f"{','.join(sorted(methods))} {path} does not say who may ask it: needs(role) or open_to_all()"
+            what = f"{','.join(sorted(methods))} {path} does not state who may call it: needs(role) or open_to_all()"
             raise EndpointError(what)
 
 

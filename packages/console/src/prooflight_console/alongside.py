@@ -46,4 +46,4 @@ def print_address(address: str, link: str | None) -> None:
         return  # the link belongs in no log; `prooflight serve user link` prints one
     faults.report(f"the console is at {address}")
     if link is not None:
-        faults.report(f"nobody can sign in yet; open this link once to choose the admin's password: {link}")
+        faults.report(f"no user can sign in yet; open this link once to choose the admin's password: {link}")

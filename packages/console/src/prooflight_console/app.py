@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 DESCRIPTION: Final = """Runs of a press: sheets, verdicts, incidents, evidence, pictures, live events.
 
 Programs send `Authorization: Bearer TOKEN`. Errors are `application/problem+json`. Lists give `next`, the cursor of the
-page behind it, or null. Lengths are millimetres on the page as printed, times are UTC."""
+next page, or null. Lengths are millimetres on the page as printed, times are UTC."""
 
 
 def console_app(

@@ -25,8 +25,8 @@ _log = logging.getLogger(__name__)
 
 END_S: Final = 10.0
 """Time that a process has to end before it is killed. [s]"""
-FULL: Final = "memory ran out; close what takes memory on this machine, and begin again"
-FAULT: Final = "it failed by a fault of Prooflight itself; the console's log says which"
+FULL: Final = "there was not enough memory; close other programs on this machine, and start again"
+FAULT: Final = "it failed by a fault in Prooflight; the console's log contains the details"
 
 
 def begin_process(
@@ -95,7 +95,7 @@ def result_or_refusal(
         return refused(FULL)
     except OSError as error:
         return refused(
-            f"a file cannot be read or written ({error.strerror}: {error.filename}); see to it, and begin again"
+            f"a file cannot be read or written ({error.strerror}: {error.filename}); correct this, and start again"
         )
     except Exception:
         _log.exception("%s", what)

@@ -102,7 +102,7 @@ class Console:
         if incident is not None:
             incident_record = self.incidents.one(run, incident)
             if label != SEEN and not incident_record.of_misprints:
-                what = f"{incident} is of sheets that were not judged to be misprints, so that no label fits"
+                what = f"{incident} contains sheets without a misprint verdict, to which no label applies"
                 remedy = "use `seen`; examine its sheets one by one, and release manually those that are good"
                 raise RequestError("incident", what, remedy=remedy)
             last = incident_record.incident.last_sheet
@@ -192,8 +192,8 @@ class Console:
         """
         current = self.incidents.one(run, incident).priority
         if current.rank < priority.rank:
-            what = f"the priority of incident {incident} is {current} by now"
-            raise RequestError("priority", what, remedy="look at the incident, then shelve it again")
+            what = f"the priority of incident {incident} is now {current}"
+            raise RequestError("priority", what, remedy="check the incident, then shelve it again")
         if current is Priority.HIGH and not who.role.may(Role.ENGINEER):
             what = f"this requires the role {Role.ENGINEER}, as the alarm is of high priority; your role is {who.role}"
             raise Problem(403, "role", what)
@@ -222,11 +222,11 @@ class Console:
         Raises RequestError if no process watches it, ``Problem`` 503 if the request cannot be written.
         """
         if run.state != "running":
-            raise RequestError("run", f"{run.id} has ended already", remedy="look at its report")
+            raise RequestError("run", f"{run.id} has ended already", remedy="see its report")
         try:
             self.queue.control.stop(run_key(run), by=who.name)
         except OSError as error:
-            what = f"the end could not be asked for ({error.strerror})"
+            what = f"the end could not be requested ({error.strerror})"
             raise Problem(503, "storage", what) from error
         self.accounts.note(who.name, "run.stop", f"run {run_key(run)}, {run.facts.job}")
 

@@ -31,5 +31,5 @@ def replayable(console: Console, run: str, sheet: int) -> tuple[RunRow, PageReco
 def evidence_of(page: PageRecord, *, run: int | str) -> Mapping[str, NDArray[Any]]:
     """Return the stored evidence of a sheet; raises ``Problem`` if there is none."""
     if page.evidence is None:
-        raise not_found(f"no evidence of sheet {page.sheet} of run {run} is kept")
+        raise not_found(f"no evidence of sheet {page.sheet} of run {run} is stored")
     return page.evidence

@@ -83,7 +83,7 @@ class Listening:
         assert self.key is not None
         for path in (self.certificate, self.key):
             if not path.is_file():
-                raise RequestError(path, "is no file", remedy="give a certificate and its key as PEM")
+                raise RequestError(path, "is not a file", remedy="give a certificate and its key as PEM")
         try:
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key, password="")
         except (ssl.SSLError, OSError, ValueError) as error:

@@ -101,7 +101,7 @@ def test_users_are_added_and_locked_out(admin: Visitor, visit: Callable[..., Vis
     mine = page.locator("tr", has_text="you").locator("select")
     admin.expected.append("422")
     mine.select_option("viewer")
-    page.wait_for_selector("text=the last admin who can sign in must stay one")
+    page.wait_for_selector("text=the last admin who can sign in must remain an admin")
 
 
 def test_a_token_is_shown_once_works_and_is_revoked(admin: Visitor, visit: Callable[..., Visitor]) -> None:

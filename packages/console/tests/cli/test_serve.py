@@ -142,7 +142,7 @@ def test_an_audit_that_is_not_there_is_no_whole_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert prooflight(["audit", "verify", "--journal", str(tmp_path / "j.sqlite")]) == 2
-    assert "there is no console's file" in capsys.readouterr().err
+    assert "there is no file of a console" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
@@ -172,7 +172,7 @@ def test_a_console_beside_a_run_without_a_journal_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with (
-        pytest.raises(RequestError, match="shows what the journal holds"),
+        pytest.raises(RequestError, match="shows the contents of a journal"),
         console_alongside(True, journal="none", press=tmp_path, job=tmp_path, port=0),
     ):
         pytest.fail("it was begun")

@@ -183,10 +183,10 @@ def test_what_was_stopped_goes_on(path: Path, scenes: Scenes) -> None:
     assert Protocol.of(protocol_path(path), camera="Played-1") is None  # finished: the next one begins anew
     left.finished = False
     left.keep(protocol_path(path))
-    with pytest.raises(RequestError, match=r"is of camera Played-1, and unfinished; say --again"):
+    with pytest.raises(RequestError, match=r"belongs to camera Played-1, and is unfinished; use --again"):
         Protocol.of(protocol_path(path), camera="Other-2")
     protocol_path(path).write_text("{")
-    with pytest.raises(RequestError, match="is no protocol of a set-up; delete it"):
+    with pytest.raises(RequestError, match="is not the protocol of a set-up; delete it"):
         Protocol.of(protocol_path(path), camera="Played-1")
 
 
@@ -207,7 +207,7 @@ def test_what_is_wrong_is_said_and_can_be_mended(path: Path, scenes: Scenes) -> 
     assert states(protocol)["dark"] == states(protocol)["flat"] == "good"
     (dark,) = (line for line in technician.heard if "is not dark" in line)
     assert re.fullmatch(
-        r"Played-1: is not dark: \d+ DN of 4095, \d+ DN more at one place than at another; cover the lens",
+        r"Played-1: is not dark: \d+ DN of 4095, \d+ DN of difference along the line; cover the lens",
         dark,
     )
     (light,) = (line for line in technician.heard if "sees no light" in line)
@@ -227,15 +227,15 @@ def refusal(path: Path, camera: PlayedCamera, technician: Technician) -> str:
 def test_another_pixel_format_width_or_depth_is_one_line(path: Path, scenes: Scenes) -> None:
     said = refusal(path, PlayedCamera(scenes, form="Mono10"), Technician(scenes))
     assert said == (
-        'Played-1: sends Mono10, 10 bits, my.toml says sensor.bits = 12; set camera.pixel_format, e.g. "Mono12"'
+        'Played-1: sends Mono10, 10 bits, but my.toml states sensor.bits = 12; set camera.pixel_format, e.g. "Mono12"'
     )
     said = refusal(path, PlayedCamera(scenes, form="RGB12"), Technician(scenes))
-    assert said.startswith("Played-1: sends RGB12, 3 sensors, my.toml describes 1; ")
+    assert said.startswith("Played-1: sends RGB12, 3 sensors, but my.toml describes 1; ")
     said = refusal(path, PlayedCamera(scenes, Width=1024), Technician(scenes))
     assert said.startswith(
-        "Played-1: sends lines of 1024 pixels, my.toml says sensor.pixels = 1280; set Width = 1280"
+        "Played-1: sends lines of 1024 pixels, but my.toml states sensor.pixels = 1280; set Width = 1280"
     )
-    with pytest.raises(ScanError, match=r"^Played-1: sends pixels as Bayer"):
+    with pytest.raises(ScanError, match=r"^Played-1: sends pixel format Bayer"):
         CameraLineReader(PlayedCamera(scenes, form="BayerRG8"))
 
 
@@ -244,7 +244,7 @@ def test_a_silent_encoder_is_one_line(path: Path, scenes: Scenes) -> None:
     camera.silent = True
     said = refusal(path, camera, Technician(scenes))
     assert re.match(
-        r"Played-1: has sent no line for 1\d s; let the paper run; look at encoder and TriggerSource", said
+        r"Played-1: has sent no line for 1\d s; start the paper; check encoder and TriggerSource", said
     )
 
 
@@ -253,8 +253,8 @@ def test_an_encoder_of_another_pitch_is_one_line(path: Path, scenes: Scenes) -> 
     scenes.images["ruler"] = scenes.images["ruler"][:, ::2]
     said = refusal(path, PlayedCamera(scenes), Technician(scenes))
     assert re.fullmatch(
-        r"Played-1: lays lines 0\.212\d mm apart, 2\.\d\d times what my\.toml says; set the encoder's divider, or"
-        r" transport\.speed_mm_s = 58\d\.\d if that is meant",
+        r"Played-1: has a line pitch of 0\.212\d mm, 2\.\d\d times the pitch in my\.toml; set the encoder's divider, or"
+        r" transport\.speed_mm_s = 58\d\.\d if this pitch is intended",
         said,
     )
 
@@ -314,7 +314,7 @@ def test_a_camera_without_exposure_time_is_measured_at_levels_of_the_lamp(path: 
     protocol = set_up(path, camera, technician, attended=False)
     assert states(protocol)["flat"] == "good"
     assert PressFile.read(path).camera().sensors[0].conversion_gain_uv_per_e == pytest.approx(10, rel=0.01)
-    assert any("dark current apart from black level" in line for line in technician.heard)
+    assert any("dark current, separate from the black level" in line for line in technician.heard)
 
 
 def test_a_press_file_that_was_begun_asks_for_the_data_sheet(tmp_path: Path, scenes: Scenes) -> None:
@@ -332,7 +332,7 @@ def test_a_press_file_that_was_begun_asks_for_the_data_sheet(tmp_path: Path, sce
     assert "tdi_stages = 8                     # stated: data sheet" in found.text
     technician = Technician(scenes, {"tdi_stages": ["many"]})
     path.write_text(PressFile.prototype().text)
-    with pytest.raises(RequestError, match=r"^tdi_stages: 'many' is no number for it; give e\.g\. 96$"):
+    with pytest.raises(RequestError, match=r"^tdi_stages: 'many' is not a number that fits; give e\.g\. 96$"):
         set_up(path, PlayedCamera(scenes), technician, begun=True, attended=False)
 
 
@@ -341,9 +341,9 @@ def test_answers_of_a_file_are_known_questions() -> None:
         {"focus": "s", "flat.level": ["", "d"]}, ("focus", "flat.level"), where="a.toml"
     )
     assert [answer("focus"), answer("flat.level"), answer("flat.level"), answer("dark")] == ["s", "", "d", ""]
-    with pytest.raises(RequestError, match=r"^a\.toml: 'fokus' is no question; answer focus, flat\.level$"):
+    with pytest.raises(RequestError, match=r"^a\.toml: 'fokus' is not a question; use focus, flat\.level$"):
         wizard.answers_of({"fokus": "s"}, ("focus", "flat.level"), where="a.toml")
-    with pytest.raises(RequestError, match=r"^a\.toml: focus holds no answer; "):
+    with pytest.raises(RequestError, match=r"^a\.toml: focus has a value that is not an answer; "):
         wizard.answers_of({"focus": {"a": 1}}, ("focus",), where="a.toml")
 
 

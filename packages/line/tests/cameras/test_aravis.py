@@ -142,7 +142,7 @@ def test_a_camera_that_another_program_has_taken_is_opened_again(camera: Peer) -
         if len(said) == 2 and block.faults == ():
             source.close()
     assert [kind for kind, _ in said] == ["camera-away", "camera-back"]
-    assert "another program has taken control" in said[0][1]
+    assert "another program controls it" in said[0][1]
     assert {fault.kind for fault in faults_of(blocks)} == {"camera-away"}
     assert_played(blocks)
 
@@ -158,7 +158,7 @@ def test_a_camera_is_found_and_describes_itself(camera: Peer) -> None:
     )
     for name in (ID, "PL01", "127.0.0.1"):
         assert camera_named(name) == one
-    with pytest.raises(RequestError, match=rf"^camera XY: does not answer; these answer: {ID}$"):
+    with pytest.raises(RequestError, match=rf"^camera XY: does not answer; these cameras answer: {ID}$"):
         camera_named("XY")
     open_camera = opened(one)
     features = open_camera.features()
@@ -184,17 +184,17 @@ def test_what_a_camera_lacks_is_said_in_one_line(camera: Peer) -> None:
     assert said.startswith(
         f"my.toml, camera.line_rate_hz: {ID} has no feature AcquisitionLineRateAbs; it has AcquisitionLineRate"
     )
-    assert said.endswith('name its own under [camera.names."Fake"]')
+    assert said.endswith('state its own name under [camera.names."Fake"]')
     assert refusal(pixel_format="Mono9").startswith(
         f"my.toml, camera.pixel_format: {ID} has no PixelFormat 'Mono9'; it has Mono10, Mono12, "
     )
     assert refusal(features={"Width": 4096}) == (
-        f"my.toml, camera.features.Width: {ID} does not take Width 4096; give 1 to 2048"
+        f"my.toml, camera.features.Width: {ID} does not accept Width 4096; give 1 to 2048"
     )
     assert refusal(trigger="encoder", trigger_source="Encoder7").startswith(
         f"my.toml, camera.trigger_source: {ID} has no TriggerSource 'Encoder7'; it has RotaryEncoder, Line0"
     )
-    assert "SensorWidth be set now" in refusal(features={"SensorWidth": 5})
+    assert "SensorWidth to be set now" in refusal(features={"SensorWidth": 5})
 
 
 def test_an_encoder_is_found_by_its_name(camera: Peer) -> None:

@@ -147,7 +147,7 @@ def test_triggers_passed_over_make_their_block_doubtful_and_move_the_count() -> 
     assert [block.first_line for block in blocks] == [0, 8, 19]
     (fault,) = faults_of(blocks)
     assert (fault.kind, fault.first_line, fault.lines) == ("lost-triggers", 8, 11)
-    assert "3 line triggers were passed over somewhere in lines 8 to 15" in fault.detail
+    assert "3 line triggers were missed within lines 8 to 15" in fault.detail
     assert_as_played(blocks)
 
 

@@ -128,7 +128,7 @@ def test_a_camera_that_is_known_to_be_away_is_not_waited_for() -> None:
     for sensor in (0, 1):
         for block in counters[sensor].take(grab(0, sensor=sensor)):
             blocks += step.add(sensor, block)
-    blocks += step.away(1, "it gives no lines")
+    blocks += step.away(1, "it sends no lines")
     for place in range(1, 4):
         for block in counters[0].take(grab(place)):
             blocks += step.add(0, block)
@@ -140,7 +140,7 @@ def test_a_camera_that_is_known_to_be_away_is_not_waited_for() -> None:
         blocks += step.add(0, block)
     assert lost_of(blocks, 1) == set(range(8, 40))
     assert {fault.kind for fault in faults_of(blocks)} == {"camera-away"}
-    assert faults_of(blocks)[-1].detail.endswith("nobody knows its lines' places")
+    assert faults_of(blocks)[-1].detail.endswith("the places of its lines are unknown")
 
 
 def test_sensors_of_one_camera_that_lie_apart_are_put_side_by_side() -> None:

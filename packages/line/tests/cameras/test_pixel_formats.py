@@ -75,7 +75,7 @@ def test_bytes_behind_lines_are_no_pixels(name: str) -> None:
 
 def test_what_cannot_be_read_is_said_in_one_line() -> None:
     with pytest.raises(
-        ScanError, match=r"^cam 1: sends pixels as YUV422_8; set its PixelFormat to one of Mono8, "
+        ScanError, match=r"^cam 1: sends pixel format YUV422_8; set its PixelFormat to one of Mono8, "
     ):
         pixel_format("YUV422_8", where="cam 1")
     with pytest.raises(ScanError, match="sent 7 bytes where 2 lines of 4 Mono8 pixels take 8"):

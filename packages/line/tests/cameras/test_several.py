@@ -113,7 +113,7 @@ def test_one_of_two_cameras_that_dies_leaves_the_other_in_step_and_is_named() ->
     assert {fault.kind for fault in faults} == {"camera-away"}
     assert {fault.sensor for fault in faults_of(blocks)} == {1}
     assert faults[0].detail.startswith("camera 2, sensor 2: it ")
-    assert faults[-1].detail.endswith("nobody knows its lines' places")
+    assert faults[-1].detail.endswith("the places of its lines are unknown")
     counts = np.concatenate([np.arange(block.first_line, block.next_line) for block in blocks])
     np.testing.assert_array_equal(counts, np.arange(len(counts)))  # the first camera lost none
     came = np.concatenate([numbers(block.lines[:1]) for block in blocks])
@@ -130,7 +130,7 @@ def fakes(**asked: Any) -> list[CameraLines]:
 def test_cameras_that_do_not_go_together_are_refused_in_one_line() -> None:
     none = [[SensorOffset()], [SensorOffset()]]
     with pytest.raises(
-        RequestError, match=r"^A: runs free, and so cannot be kept in step with another; trigger"
+        RequestError, match=r"^A: runs free, and so cannot be synchronised with another camera; trigger"
     ):
         SeveralCameras(fakes(trigger="free"), none)
     with pytest.raises(RequestError, match=r"^B: sends 1 sensors, and offsets of 2 are stated; "):
@@ -140,7 +140,7 @@ def test_cameras_that_do_not_go_together_are_refused_in_one_line() -> None:
 def test_cameras_that_tell_no_count_must_be_started_while_the_press_stands() -> None:
     together = SeveralCameras(fakes(trigger="encoder"), [[SensorOffset()], [SensorOffset()]])
     with pytest.raises(
-        ScanError, match=r"sent lines before all cameras were started, and does not tell its count"
+        ScanError, match=r"sent lines before all cameras were started, and does not report its count"
     ):
         for _ in together.blocks():
             pass

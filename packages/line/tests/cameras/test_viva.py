@@ -104,7 +104,7 @@ def test_a_camera_that_another_program_has_taken_is_gone_though_its_lines_go_on(
             if number > 10 and len(said) == 2:
                 lines.close()
     assert [kind for kind, _ in said] == ["camera-away", "camera-back"]
-    assert "another program has taken control" in said[0][1]
+    assert "another program controls it" in said[0][1]
     assert 0 < since < 100
 
 

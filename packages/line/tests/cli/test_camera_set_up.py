@@ -68,7 +68,7 @@ def test_a_technician_types_stops_and_goes_on(path: Path, scenes: Scenes) -> Non
     with scene_camera(scenes, path.with_name("my.set-up.json")):
         stopped = typed(path, lines="\n\nq\n")  # dark, keep, stop before the light
         assert stopped.returncode == 0, stopped.stderr
-        assert "stopped; the same command goes on from here" in stopped.stdout
+        assert "stopped; the same command continues from here" in stopped.stdout
         assert "> Cover the lens. Enter: measure, s: skip, q: stop" in stopped.stderr
         done = typed(path, "--json", lines="\n" * 40)
     assert done.returncode == 0, done.stderr
@@ -120,7 +120,7 @@ def test_what_is_wrong_is_one_line(path: Path, scenes: Scenes, capsys: pytest.Ca
     follow.write_text("flat")
     with scene_camera(scenes, follow):
         for text, said in (
-            ("fokus = 's'\n", f"prooflight: {answers}: 'fokus' is no question; answer dark, flat, "),
+            ("fokus = 's'\n", f"prooflight: {answers}: 'fokus' is not a question; use dark, flat, "),
             ("focus = \n", f"prooflight: {answers}: is not TOML "),
             ("dark = ''\n", f"prooflight: {ID}: is not dark: "),
         ):
@@ -133,7 +133,7 @@ def test_what_is_wrong_is_one_line(path: Path, scenes: Scenes, capsys: pytest.Ca
         path.write_text(shallow)
         assert run(["camera", "set-up", ID, str(path), "--yes"]) == 2
         assert capsys.readouterr().err == (
-            f"prooflight: {ID}: sends Mono8, 8 bits, my.toml says sensor.bits = 12;"
+            f"prooflight: {ID}: sends Mono8, 8 bits, but my.toml states sensor.bits = 12;"
             ' set camera.pixel_format, e.g. "Mono12"\n'
         )
         assert path.read_text() == shallow

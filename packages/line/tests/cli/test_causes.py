@@ -148,6 +148,6 @@ def test_a_reprint_is_a_job_and_is_reconciled(tmp_path: Path, capsys: pytest.Cap
     assert (code, "is not the job of run 1" in error) == (2, True)
     assert not (tmp_path / "x.pdf").exists()
     listed.write_text("{}")
-    assert "is no reprint job" in call(capsys, "run", "reprinted", listed, "--journal", path)[2]
+    assert "is not a reprint job" in call(capsys, "run", "reprinted", listed, "--journal", path)[2]
     path = journal(tmp_path / "good.sqlite", [row(0)], digest=content_digest(job))
     assert call(capsys, *options[:3], "--journal", path, "--job", job, "-o", again)[0] == 2

@@ -94,14 +94,14 @@ def test_a_mark_reaches_a_run_that_is_going_on(tmp_path: Path, capsys: pytest.Ca
             "dust",
         )
         assert run(["run", "mark", "last", "7", "unknown", "--by", "Jan", "--journal", str(path)]) == 0
-        assert "moves no threshold" in capsys.readouterr().out
+        assert "does not affect the threshold" in capsys.readouterr().out
     assert [word.word for word in LabelStore(path).of_run("1@1000")] == ["good", "unknown"]
 
 
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("run", "mark", "1", "7", "bad", "--by", "Mei"), "there is no 'bad'"),
+        (("run", "mark", "1", "7", "bad", "--by", "Mei"), "there is no label 'bad'"),
         (("run", "mark", "1", "8", "good", "--by", "Mei"), "run 1 has no sheet 8"),
         (("run", "mark", "9", "7", "good", "--by", "Mei"), "there is no run 9"),
         (("run", "mark", "1", "7", "good", "--by", " "), "name"),
@@ -162,7 +162,7 @@ def test_a_press_is_calibrated_anew_replayed_and_brought_back(
         assert run([*command, "--journal", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "false alarms: 25.00% of good sheets" in shown
-    assert "No false alarm comes often enough" in shown  # these have no place
+    assert "No false alarm occurs often enough" in shown  # these have no place
 
 
 def test_what_cannot_be_promised_is_refused(
@@ -177,7 +177,7 @@ def test_what_cannot_be_promised_is_refused(
         (("recalibrate", old, "--journal", path, "-o", new), "5 more are needed"),
         (("recalibrate", old, "--journal", path, "-o", old), "to be replaced"),
         (("recalibrate", old, "--journal", tmp_path / "none.sqlite", "-o", new), "there is no journal"),
-        (("go-back", old, "-o", new), "was never calibrated anew"),
+        (("go-back", old, "-o", new), "was never recalibrated"),
     ]
     for words, why in wrong:
         assert run(["press", *map(str, words)]) == 2

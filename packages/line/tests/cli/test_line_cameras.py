@@ -66,15 +66,15 @@ def test_cameras_are_listed_and_describe_themselves(
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("features", "nobody"), f"prooflight: camera nobody: does not answer; these answer: {ID}\n"),
+        (("features", "nobody"), f"prooflight: camera nobody: does not answer; these cameras answer: {ID}\n"),
         (
             ("features", ID, "--set", "Height"),
-            "prooflight: --set: 'Height' names no feature and value; write e.g. --set",
+            "prooflight: --set: 'Height' is not a feature and its value; write e.g. --set",
         ),
         (("features", ID, "--set", "Tallness=3"), f"prooflight: Tallness: {ID} has no such feature; "),
         (
             ("features", ID, "--set", "Height=0"),
-            f"prooflight: Height: {ID} does not take Height 0; give 1 to 2048\n",
+            f"prooflight: Height: {ID} does not accept Height 0; give 1 to 2048\n",
         ),
         (
             ("list", "--backend", "magic"),

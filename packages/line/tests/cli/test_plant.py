@@ -162,10 +162,10 @@ def test_a_duplex_run_with_a_gate_decides_each_sheet_when_its_back_was_seen(
 @pytest.mark.parametrize(
     ("more", "what"),
     [
-        (["--source", "drum"], "has a gate, and the source waits for whoever reads it"),
-        (["--source", "replay:scans"], "has a gate, and the source waits for whoever reads it"),
-        (["--source", "drum:100"], "is nearer than the verdict can be"),
-        (["--source", "drum:1", "--deadline", "60000"], "is nearer than the verdict can be"),
+        (["--source", "drum"], "has a gate, and this source has no speed of its own"),
+        (["--source", "replay:scans"], "has a gate, and this source has no speed of its own"),
+        (["--source", "drum:100"], "is too short for the verdict"),
+        (["--source", "drum:1", "--deadline", "60000"], "is too short for the verdict"),
     ],
 )
 def test_a_gate_that_cannot_be_served_is_refused_before_the_run(
@@ -247,7 +247,7 @@ def test_a_press_file_without_a_plant_has_nothing_to_check(
     tmp_path: Path, prototype: PressFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "press.toml").write_text(prototype.text)
-    refused(["plant", "check", str(tmp_path / "press.toml")], "says nothing of a plant", capsys)
+    refused(["plant", "check", str(tmp_path / "press.toml")], "has no gate and no outlet", capsys)
     refused(["plant", "simulate", str(tmp_path / "press.toml")], "has no [gate]", capsys)
 
 
@@ -261,13 +261,13 @@ def test_a_controller_is_played_for_so_long(json_: bool, capsys: pytest.CaptureF
         assert (found["good"], found["reject"], found["stopped"]) == (0, 0, False)
     else:
         assert "good tray: 0" in out
-        assert "NOBODY THERE" in out
+        assert "NO HEARTBEAT" in out
 
 
 def test_a_port_that_is_taken_is_one_line(server: PlcServer, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["plant", "simulate", "--listen", f"127.0.0.1:{server.port}", "--seconds", "0.1"]
     refused(given, "cannot be listened on", capsys)
-    refused(["plant", "simulate", "--listen", "nowhere"], "'nowhere' is no address", capsys)
+    refused(["plant", "simulate", "--listen", "nowhere"], "'nowhere' is not an address", capsys)
 
 
 def test_a_run_without_a_gate_has_nothing_to_reconcile(

@@ -217,10 +217,10 @@ def test_a_replay_that_cannot_be_is_one_line(
     two_sensor_press.save(tmp_path / "two.press")
     for arguments, said in (
         ((1, 0, "--press", tmp_path / "two.press"), "has digest"),
-        ((1, 1, "--press", artefact), "no evidence of sheet 1 of run 1 is kept"),
+        ((1, 1, "--press", artefact), "no evidence of sheet 1 of run 1 is stored"),
         ((1, 77, "--press", artefact), "run 1 has no sheet 77"),
         ((8, 0, "--press", artefact), "there is no run 8; the last is run 2"),
-        (("x", 0, "--press", artefact), "'x' is no number"),
+        (("x", 0, "--press", artefact), "'x' is not a number"),
     ):
         code, out, err = call(capsys, "run", "replay", *arguments, "--journal", journal)
         assert (code, out) == (2, "")
@@ -248,7 +248,7 @@ def test_numbers_of_runs_that_cannot_be_are_one_line(
 ) -> None:
     code, out, err = call(capsys, "run", "show", "--journal", journal, "--", number)
     assert (code, out) == (2, "")
-    assert "there is no run" in err or "is no number" in err
+    assert "there is no run" in err or "is not a number" in err
     assert err.count("\n") == 1
 
 
@@ -341,7 +341,7 @@ def test_tidying_says_what_stayed_and_what_was_put_aside(
     assert told["put_aside"] == 1
     assert told["put_aside_megabytes"] == pytest.approx(size / 1e6, abs=1e-3)
     assert told["put_aside_in"] == f"{copy}.unclaimed"
-    assert "'../out/x' is no name of a pack of run 1" in told["refused"][0]
+    assert "'../out/x' is not the name of a pack of run 1" in told["refused"][0]
     assert err.count("\n") == 2
     assert "1 file (" in err
     assert "evidence 1 stays" in err

@@ -248,7 +248,7 @@ def test_a_silent_camera_is_announced_and_its_run_can_be_stopped(
     assert process.returncode == 3
     assert out == ""
     assert said.splitlines() == [
-        "prooflight: no line has come for 0.5 s",
+        "prooflight: no line has arrived for 0.5 s",
         "prooflight: 5 of 5 sheets did not come",
     ]
     assert ending(journal) == ("stopped", "5 of 5 sheets did not come")

@@ -291,7 +291,7 @@ def broken_off(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ([], "there is nothing to resume"),
         (["--sheets", 13], "another: the number of sheets"),
         (["--layout", "sides=2"], "the layout"),
-        (["--source", "replay:x"], "recorded scans begin with the first again"),
+        (["--source", "replay:x"], "recorded scans start again with the first one"),
         (["--journal", "none"], "resumed from its journal"),
         (["--journal", "other.sqlite"], "other.sqlite"),
     ],

@@ -179,7 +179,7 @@ def test_one_process_fills_a_folder(folder: HotFolder) -> None:
 
 
 def test_what_cannot_be_a_hot_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="is no folder"):
+    with pytest.raises(RequestError, match="is not a folder"):
         HotFolder.open(tmp_path / "none")
     (tmp_path / "queued").write_text("a file")
     with pytest.raises(RequestError, match="a file called queued"):
@@ -253,7 +253,7 @@ def test_a_fault_of_one_file_costs_that_file_and_one_of_the_machine_none(
     rejected = {entry.file.name: entry.reason for entry in folder.entries("rejected")}
     assert rejected["b.pdf"] == "checking it failed (ZeroDivisionError: no pages)"
     assert "b.pdf cannot be checked" in caplog.text
-    assert rejected["link.pdf"] == rejected["pipe.pdf"] == "is no ordinary file; send the file itself"
+    assert rejected["link.pdf"] == rejected["pipe.pdf"] == "is not a regular file; send the file itself"
     assert fill(folder) == [("queued", "c.tif")]
 
 

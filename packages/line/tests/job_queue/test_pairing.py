@@ -73,7 +73,7 @@ def test_a_ticket_waits_for_its_file_and_no_longer_than_stated(filling: Filling)
     filling.send("late.xjdf", ORDER.replace("menu.pdf", "late.pdf").replace("J-17", "J-18"))
     assert filling.fill() == []
     filling.now += 600
-    late = "its file late.pdf did not come within 600 s; send both again"
+    late = "its file late.pdf did not arrive within 600 s; send both again"
     assert filling.fill() == [("rejected", "late.xjdf", late)]
     assert filling.fill() == []
 
@@ -87,7 +87,7 @@ def test_a_file_waits_for_its_ticket_where_each_has_one(tmp_path: Path) -> None:
     filling.send("other.pdf", "good too")
     assert filling.fill() == []
     filling.now += 600
-    why = "came without a ticket within 600 s; send both again"
+    why = "arrived without a ticket within 600 s; send both again"
     assert filling.fill() == [("rejected", "other.pdf", why)]
 
 
@@ -113,7 +113,7 @@ def test_a_bad_ticket_goes_with_its_job(filling: Filling) -> None:
     filling.send("menu.pdf", "good")
     ((stage, name, why),) = filling.fill()
     assert (stage, name) == ("rejected", "menu.pdf")
-    assert why.startswith("menu.xjdf, line 1: is no XML")
+    assert why.startswith("menu.xjdf, line 1: is not XML")
     (entry,) = filling.folder.entries("rejected")
     assert sorted(file.name for file in entry.path.iterdir()) == ["menu.pdf", "menu.xjdf", "reason.txt"]
     assert filling.ordered == []

@@ -124,7 +124,7 @@ def test_encodings_and_a_prefix_are_read(tmp_path: Path) -> None:
         (XJDF, '"2 1"', '"two"', "NumberUp is 'two'; give columns and rows"),
         (XJDF, '"2 1"', '"0 1"', "layout: n-up is '0x1'; write n-up=2x1"),
         (XJDF, "gutter=4", "gutter=wide", "layout: gutter is 'wide'; write gutter=5 or 5x3"),
-        (XJDF, "gutter=4", "sides=1", "prooflight:layout says sides=1, and the ticket sides=2; state it once"),
+        (XJDF, "gutter=4", "sides=1", "prooflight:layout states sides=1, and the ticket sides=2; state it once"),
         (XJDF, "prooflight:keep", "prooflight:kepe", "prooflight:kepe is none of prooflight:layout"),
         (XJDF, 'IDValue="0.05"', 'IDValue="5 %"', "sample is '5 %'; give a share from 0 to 1"),
         (XJDF, 'Weight="135"', 'Weight="-1"', "Weight is '-1'; give 10 to 2000 g/m2"),
@@ -134,14 +134,14 @@ def test_encodings_and_a_prefix_are_read(tmp_path: Path) -> None:
         (XJDF, "menu%20of%20today.pdf", "http://host/a.pdf", "outside this folder"),
         (XJDF, "menu%20of%20today.pdf", "order.xjdf", "which is a ticket"),
         (XJDF, '<Resource Brand="Gloss Art">', "<Resource><Part/><GeneralID/>", "line 15, GeneralID: has no IDUsage"),
-        (XJDF, '<ResourceSet Name="Media"', '<ResourceSet Name="Layout"', "Media: stands in Resource of Layout"),
-        (XJDF, '<ProductList>', '<Product/><ProductList>', "Product: does not belong into XJDF"),
-        (XJDF, '  <ProductList>', '<ResourceSet Name="A"/><ProductList>', "ProductList: stands behind ResourceSet"),
-        (XJDF, "</XJDF>", "", "is no XML"),
-        (XJDF, "JDFSchema_2_0", "JDFSchema_9", "is no ticket: http://www.CIP4.org/JDFSchema_9"),
+        (XJDF, '<ResourceSet Name="Media"', '<ResourceSet Name="Layout"', "Media: is in Resource of Layout"),
+        (XJDF, '<ProductList>', '<Product/><ProductList>', "Product: is not allowed in XJDF"),
+        (XJDF, '  <ProductList>', '<ResourceSet Name="A"/><ProductList>', "ProductList: comes after ResourceSet"),
+        (XJDF, "</XJDF>", "", "is not XML"),
+        (XJDF, "JDFSchema_2_0", "JDFSchema_9", "is not a ticket: http://www.CIP4.org/JDFSchema_9"),
         (JDF, 'ID="n1" ', "", "JDF: has no ID"),
         (JDF, 'Version="1.7"', "", "is of version none; send JDF 1.x"),
-        (JDF, 'rRef="r1"', 'rRef="r9"', "RunListLink: refers to r9, which is not there"),
+        (JDF, 'rRef="r1"', 'rRef="r9"', "RunListLink: refers to r9, which does not exist"),
         (JDF, 'Class="Consumable" ', "", "Media: has no Class"),
         (JDF, 'NumberUp="2 2"', 'PageDistributionScheme="Saddle"', "distributes pages by Saddle"),
         (JDF, '<LayoutElement>', '<LayoutElement><FileSpec URL="b.pdf"/>', "states file menu.pdf, and line 7 b.pdf"),
@@ -179,7 +179,7 @@ def test_nothing_is_loaded_and_nothing_grows(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="more than 20000 elements"):
         ticket(tmp_path, XJDF.replace("<ProductList>", "<ProductList>" + "<Product/>" * 20_000))
     deep = XJDF.replace("<Resource>", "<Resource>" + "<a>" * 5000, 1)
-    with pytest.raises(InputError, match="is no XML"):
+    with pytest.raises(InputError, match="is not XML"):
         ticket(tmp_path, deep)
 
 

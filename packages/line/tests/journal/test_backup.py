@@ -177,7 +177,7 @@ def test_a_damaged_backup_restores_nothing(journal: Path, tmp_path: Path, damage
         case "none":
             shutil.rmtree(folder)
     other = tmp_path / "other" / "runs.sqlite"
-    with pytest.raises(RequestError, match=r"damaged|no backup|format 2"):
+    with pytest.raises(RequestError, match=r"damaged|not a backup|format 2"):
         restore(folder, other, presses=other.parent)
     assert not other.parent.exists()
 
@@ -206,4 +206,4 @@ def test_missing_evidence_is_said(journal: Path, tmp_path: Path, capsys: pytest.
     assert "2 runs in the journal" in out
     code, _, err = call(capsys, "restore", tmp_path / "press", "--journal", other)
     assert code == 2
-    assert "is no backup; give a folder that `prooflight backup` made" in err
+    assert "is not a backup; give a folder that `prooflight backup` made" in err

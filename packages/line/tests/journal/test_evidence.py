@@ -76,7 +76,7 @@ def test_evidence_of_a_database_that_was_moved_away_is_kept_and_taken_back(
         assert [journal.page(run, 1).evidence is None for run in (1, 2, 3)] == [False] * 3
     assert contents(evidence) == before
     assert not contents(aside)
-    assert "3 files that the journal names again were taken back" in said[1]
+    assert "3 files that the journal names again were moved back" in said[1]
 
 
 def test_an_older_copy_of_the_database_keeps_what_it_does_not_name(path: Path) -> None:
@@ -251,7 +251,7 @@ def test_a_row_that_names_evidence_of_another_run_does_not_remove_it(path: Path)
     change(path, "UPDATE packs SET file = ? WHERE id = 1", f"{last.parent.name}/{last.name}")
     done = tidied(path, Retention(days=1.0))
     assert done.runs == [1, 2]
-    assert "is no name of a pack of run 1" in done.refused[0]
+    assert "is not the name of a pack of run 1" in done.refused[0]
     assert last.exists()
 
 

@@ -88,7 +88,7 @@ def test_a_database_of_another_program_is_refused_to_the_last_byte(
             path = copy / path.name
     before = all_of(path.parent)
     for read_only in (False, True):
-        with pytest.raises(JournalError, match="is a database, but no journal"):
+        with pytest.raises(JournalError, match="is a database, but not a journal"):
             Journal.open(str(path), read_only=read_only)
         assert all_of(path.parent) == before
 
@@ -175,7 +175,7 @@ def test_what_can_be_no_file_is_refused(tmp_path: Path, read_only: bool) -> None
     (tmp_path / "link.sqlite").symlink_to(tmp_path / "j.sqlite")
     for name, said in (
         ("", "is a folder"),
-        ("pipe", "is no file"),
+        ("pipe", "is not a file"),
         ("file/j.sqlite", "not a directory"),
         ("x" * 300, "name too long"),
         ("j\0.sqlite", "null"),

@@ -295,7 +295,7 @@ def test_there_is_nothing_to_read_where_nobody_wrote(path: Path) -> None:
         Journal.open(str(path), read_only=True)
     assert not list(path.parent.iterdir())
     with Journal.open(str(path)) as journal:
-        with pytest.raises(JournalError, match="no run 1; it holds no runs yet"):
+        with pytest.raises(JournalError, match="no run 1; it contains no runs yet"):
             journal.last_run()
         run = journal.begin_run(facts())
         with pytest.raises(JournalError, match="no run 9; the last is run 1"):
@@ -335,7 +335,7 @@ def test_what_a_writer_left_that_died_before_its_rows_is_put_aside(path: Path) -
         aside = unclaimed_folder(path)
         assert {file.name for file in aside.rglob("*") if file.is_file()} == {"orphan.npz", ".half.npz.part"}
         assert len(said) == 1
-        assert f"2 files (0.0 MB) that no page of the journal names went to {aside}" in said[0]
+        assert f"2 files (0.0 MB) that no page of the journal names were moved to {aside}" in said[0]
         assert journal.page(run, 1).evidence is not None
 
 

@@ -101,6 +101,6 @@ def test_a_disposition_that_does_not_follow_from_its_verdict_is_refused(tmp_path
         raw.execute("UPDATE pages SET disposition = 'accept'")
     with (
         Journal.open(str(path), read_only=True) as journal,
-        pytest.raises(JournalError, match="disposition: is not what whole_verdict comes to"),
+        pytest.raises(JournalError, match="disposition: differs from that of whole_verdict"),
     ):
         list(journal.pages(run))

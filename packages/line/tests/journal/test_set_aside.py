@@ -61,9 +61,9 @@ def test_a_camera_count_that_no_row_can_hold_costs_one_page(
         assert row.end is not None
         assert row.end.counts["journalled"] == 12
     assert sheets(path) == [sheet for sheet in range(13) if sheet != 4]
-    assert "sheet 4 of run 1 (first_line: " in said[0]
+    assert "sheet 4 of run 1 cannot be stored as a row (first_line: " in said[0]
     assert said[1].endswith(
-        "1 of the pages that were told are not recorded; 1 of them are in journal.sqlite.aside.jsonl"
+        "1 of the reported pages are not recorded; 1 of them are in journal.sqlite.aside.jsonl"
     )
     (line,) = aside_file(path).read_text().splitlines()
     kept = json.loads(line)
@@ -150,7 +150,7 @@ def test_what_a_row_can_hold_in_another_form_is_recorded(path: Path) -> None:
         {"values": np.zeros(3, np.complex128)},
         {"../x": np.zeros(3)},
         {"values": np.zeros(9_000_000)},
-        {"values": "no array"},
+        {"values": "not an array"},
     ],
     ids=["objects", "texts", "complex", "name", "size", "type"],
 )
@@ -246,7 +246,7 @@ def test_a_disk_that_stays_full_is_told_at_the_end(path: Path) -> None:
     assert 0 <= written < 100
     assert journal.health.unrecorded == recorder.unrecorded == 100 - written
     assert recorder.durable == written
-    assert f"{100 - written} of the pages that were told are not recorded" in said[-1]
+    assert f"{100 - written} of the reported pages are not recorded" in said[-1]
 
 
 def test_a_file_beside_that_is_a_link_or_on_a_full_disk_costs_nothing_else(
@@ -262,7 +262,7 @@ def test_a_file_beside_that_is_a_link_or_on_a_full_disk_costs_nothing_else(
         journal.record(run, record(2))
         assert journal.commit()
     assert mine.read_text() == "mine"
-    assert "cannot hold it either" in said[0]
+    assert "cannot store it either" in said[0]
     assert sheets(path) == [2]
 
 

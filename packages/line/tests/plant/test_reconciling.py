@@ -174,7 +174,7 @@ def test_logs_are_json_lines_or_csv(tmp_path: Path) -> None:
         ("tag,session\n1,5\n", "row 1: 'tray'"),
         ("tag,session,tray,count\n1,5,left,7\n", "row 1: tray is 'left'"),
         ("tag,session,tray,count\n1,x,good,7\n", "row 1: invalid literal"),
-        ('{"tag": \n', "is no JSON"),
+        ('{"tag": \n', "is not JSON"),
     ],
 )
 def test_a_log_that_is_none_is_refused_in_one_line(text: str, what: str, tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_the_gate_s_log_is_read_as_it_was_written_and_a_torn_end_is_left_out(tmp
     with pytest.raises(PlantError, match="a line lacks 'job_page'"):
         LoggedDecisions.read(path)
     path.write_text("nonsense\n{}\n")
-    with pytest.raises(PlantError, match="line 1 is no JSON"):
+    with pytest.raises(PlantError, match="line 1 is not JSON"):
         LoggedDecisions.read(path)
     with pytest.raises(PlantError, match="cannot be read"):
         LoggedDecisions.read(tmp_path / "none")

@@ -313,15 +313,15 @@ def test_queries_are_answered_by_the_last_sheets() -> None:
 @pytest.mark.parametrize(
     ("text", "message", "code", "said"),
     [
-        ("<XJMF", "ResponseNotification", "3", "this is no XJMF"),
+        ("<XJMF", "ResponseNotification", "3", "this is not XJMF"),
         ("<JMF/>", "ResponseNotification", "3", "the root is not XJMF"),
         (f'<XJMF xmlns="{xjmf.NAMESPACE}"/>', "ResponseNotification", "5", "one query at a time"),
-        (QUERY.format("Media", ""), "ResponseResource", "6", "Media is not known here"),
+        (QUERY.format("Media", ""), "ResponseResource", "6", "Media is unknown here"),
         (
             QUERY.format("QualityControlResult", '<Subscription URL="http://127.0.0.1/"/>'),
             "ResponseResource",
             "5",
-            "subscriptions stand in the press file",
+            "subscriptions are in the press file",
         ),
         (
             QUERY.format("", "").replace("QueryResource", "QueryStatus"),
@@ -339,7 +339,7 @@ def test_queries_are_answered_by_the_last_sheets() -> None:
             '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>' + QUERY.format("M&a;", ""),
             "ResponseNotification",
             "3",
-            "this is no XJMF",
+            "this is not XJMF",
         ),
     ],
 )

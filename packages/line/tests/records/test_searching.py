@@ -95,7 +95,7 @@ def test_a_role_sees_its_plants_and_nothing_else(records: str) -> None:
 
 def test_a_database_without_tables_says_what_to_do(database: str) -> None:
     with pytest.raises(
-        RecordsError, match="holds no records of Prooflight; run `prooflight records upgrade`"
+        RecordsError, match="contains no records of Prooflight; run `prooflight records upgrade`"
     ):
         connect(database)
 

@@ -257,7 +257,7 @@ def test_the_service_waits_for_a_server_that_is_killed_and_loses_nothing(path: P
             thread.join()
         assert rows_of(server.url, "SELECT count(*), count(DISTINCT sheet) FROM sheets") == [(8, 8)]
     assert len(lines) == 2
-    assert "the journal keeps all" in lines[0]
+    assert "the journal stores all rows" in lines[0]
     assert lines[1].startswith("ships again")
 
 

@@ -150,9 +150,7 @@ def test_paper_and_black_are_what_the_strips_show(scan: np.ndarray) -> None:
 
 
 def test_a_page_that_lies_wrong_is_one_line(scan: np.ndarray) -> None:
-    assert refusal(scan[:, ::-1, ::-1]).startswith(
-        "cam 1: sees the ruler page upside down; let the edge pass"
-    )
+    assert refusal(scan[:, ::-1, ::-1]).startswith("cam 1: sees the ruler page upside down; let the edge")
     assert refusal(np.ascontiguousarray(scan[:, :, ::-1])).startswith("cam 1: sees the ruler page mirrored; ")
     turned = np.ascontiguousarray(np.rot90(scan, axes=(1, 2)))
     assert refusal(turned).startswith("cam 1: sees the ruler page sideways; ")

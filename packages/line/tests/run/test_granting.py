@@ -48,7 +48,7 @@ def test_a_zone_lies_about_its_place_on_its_pages() -> None:
 
 @pytest.mark.parametrize("pages", [("p0004",), ("s0001-front",), ("p0000",)])
 def test_pages_of_another_job_are_refused(pages: tuple[str, ...]) -> None:
-    with pytest.raises(RequestError, match="no page of this job"):
+    with pytest.raises(RequestError, match="is not a page of this job"):
         granted(replace(PROPOSED, pages=pages), SIZES)
 
 

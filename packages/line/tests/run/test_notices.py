@@ -36,8 +36,8 @@ def test_a_silence_is_said_once_and_once_that_it_is_over() -> None:
         silence.check()
     assert [notice.kind for notice in said] == ["silent", "lines-again", "silent", "lines-again", "silent"]
     assert [notice.text for notice in said[:2]] == [
-        "no line has come for 10 s",
-        "lines come again, after 12 s",
+        "no line has arrived for 10 s",
+        "lines arrive again, after 12 s",
     ]
 
 
@@ -57,5 +57,5 @@ def test_what_is_wrong_with_a_page_is_said_once_and_again_when_it_is_something_e
     assert [notice.kind for notice in said] == ["page-unusable", "page-unusable", "page-usable"]
     assert "p0003.tif: the TIFF is truncated" in said[0].text
     assert "fault of Prooflight itself: IndexError: 7" in said[1].text
-    assert "page p0003 could not be made ready" in caplog.text  # with its traceback
+    assert "page p0003 could not be prepared" in caplog.text  # with its traceback
     assert unusable[3] == ""

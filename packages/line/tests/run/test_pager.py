@@ -580,7 +580,7 @@ def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by
                 kind="camera-away",
                 first_line=block.first_line,
                 lines=block.lines.shape[1],
-                detail="camera B, sensor 2: it gives no lines",
+                detail="camera B, sensor 2: it sends no lines",
                 sensor=1,
             )
             lines = block.lines.copy()
@@ -599,7 +599,7 @@ def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by
         assert {run.sensor for run in sheet.unseen} == ({1} if 1 <= number <= 4 else set())
         assert (share > 0.99) == (number in (2, 3))
         details = {fault.detail for fault in sheet.faults}
-        assert details == ({"camera B, sensor 2: it gives no lines"} if 1 <= number <= 4 else set())
+        assert details == ({"camera B, sensor 2: it sends no lines"} if 1 <= number <= 4 else set())
         assert len(sheet.faults) <= 1
 
 

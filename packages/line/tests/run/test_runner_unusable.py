@@ -247,7 +247,7 @@ def test_a_silent_source_is_announced_and_can_be_stopped() -> None:
     assert announced.wait(PATIENCE_S)
     run.running.stop()
     assert run.running.join(PATIENCE_S)
-    assert [(one.kind, one.text) for one in run.noticed] == [("silent", "no line has come for 4 s")]
+    assert [(one.kind, one.text) for one in run.noticed] == [("silent", "no line has arrived for 4 s")]
     assert run.words() == ["good", "good"]
     assert run.running.status().absent == 3
 

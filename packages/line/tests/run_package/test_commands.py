@@ -22,7 +22,7 @@ def test_a_run_is_packaged_and_verified(
     archive, journal = tmp_path / "run.zip", packed.journal
     code, _, err = call(capsys, "run", "package", 1, "-o", archive, "--journal", journal)
     assert (code, archive.exists()) == (2, False)
-    assert "there is no key; make one with `prooflight run key`" in err
+    assert "there is no key; create one with `prooflight run key`" in err
     made = json.loads(call(capsys, "run", "key", "--json")[1])
     again = json.loads(call(capsys, "run", "key", "--json")[1])
     assert (made["new"], again["new"], made["key"]) == (True, False, again["key"])
@@ -35,7 +35,7 @@ def test_a_run_is_packaged_and_verified(
     assert made["key"] in out
     code, out, err = call(capsys, "verify", archive)
     assert (code, err) == (0, "")
-    assert "Verdicts: 2 of 2 with evidence are the same to the last digit; 1 sheet without" in out
+    assert "Verdicts: 2 of 2 with evidence are the same in every digit; 1 sheet without" in out
     changed = bytearray(archive.read_bytes())
     changed[len(changed) // 2] ^= 1
     archive.write_bytes(changed)

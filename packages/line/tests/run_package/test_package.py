@@ -141,7 +141,7 @@ def test_a_changed_member_is_named(packed: Packed, tmp_path: Path) -> None:
     result = verified(packed, tmp_path / "x.zip")
     assert not result.signed_by
     assert any(line.startswith("signature: not valid for key") for line in result.faults)
-    assert f"{PAGES}: not as the manifest states it" in result.faults
+    assert f"{PAGES}: it differs from the manifest" in result.faults
     assert "more.txt: not in the manifest" in result.faults
     assert any(line.startswith("sheet 1: verdict was recorded as good") for line in result.faults)
 
@@ -204,7 +204,7 @@ def test_evidence_that_is_gone_is_stated(packed: Packed, tmp_path: Path) -> None
     gone.unlink()
     write_package(packed._replace(journal=journal), tmp_path / "r.zip")
     assert (
-        f"evidence/{gone.name}: was missing when the package was made"
+        f"evidence/{gone.name}: was missing when the package was created"
         in verified(packed, tmp_path / "r.zip").faults
     )
 

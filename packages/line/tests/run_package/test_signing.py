@@ -84,9 +84,9 @@ def test_what_is_no_key_is_refused_in_one_line(tmp_path: Path) -> None:
     bad = tmp_path / "bad.key"
     bad.write_text("no key")
     bad.chmod(0o600)
-    with pytest.raises(RequestError, match="is no secret key"):
+    with pytest.raises(RequestError, match="is not a secret key"):
         SigningKey.load(bad)
-    with pytest.raises(RequestError, match="is no public key"):
+    with pytest.raises(RequestError, match="is not a public key"):
         PublicKey.read(bad)
-    with pytest.raises(RequestError, match="there is no key; make one"):
+    with pytest.raises(RequestError, match="there is no key; create one"):
         SigningKey.load(tmp_path / "none.key")

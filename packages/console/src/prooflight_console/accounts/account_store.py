@@ -130,7 +130,7 @@ class Accounts:
             row = self._row(connection, name)
             if row.issuer is not None:
                 what = f"{row.name} signs in at {row.issuer}, and has no password here"
-                raise RequestError("user", what, remedy="lock them out, or let them in")
+                raise RequestError("user", what, remedy="lock the user out, or end that lock")
             self._record(connection, by, "user.link", row.name)
             return self._link(connection, row.id)
 
@@ -143,7 +143,7 @@ class Accounts:
         with writing(self._engine).begin() as connection:
             row = self._row(connection, name)
             if row.issuer is not None and role not in (None, Role(row.role)):
-                what = f"the groups of {row.name} at {row.issuer} say their role"
+                what = f"the groups of {row.name} at {row.issuer} determine the role"
                 raise RequestError("user", what, remedy="change the groups there, or [oidc.roles]")
             self._change(connection, row, by=by, role=role, locked=locked)
             return _person(self._row(connection, row.name))
@@ -270,7 +270,11 @@ class Accounts:
 
     def _refuse(self, connection: Connection, identity: Identity, row: Any) -> None:
         name = identity.name[:MOST_NAME] if row is None else row.name
-        why = "locked out" if row is not None and row.locked else "no group of theirs is mapped to a role"
+        why = (
+            "locked out"
+            if row is not None and row.locked
+            else "none of the user's groups is mapped to a role"
+        )
         refusal = {"by": identity.issuer, "subject": identity.subject, "why": why}
         self._record(connection, name, "session.refused", name, after=refusal)
         if row is None:
@@ -515,8 +519,8 @@ class Accounts:
         free = (people_table.c.role == Role.ADMIN) & ~people_table.c.locked & chosen
         own = people_table.c.id.not_in(select(identities_table.c.person_id))
         if connection.execute(select(people_table.c.id).where(free, own)).first() is None:
-            what = "the last admin who can sign in must stay one"
-            raise RequestError("user", what, remedy="have another admin choose a password first")
+            what = "the last admin who can sign in must remain an admin"
+            raise RequestError("user", what, remedy="let another admin choose a password first")
 
     def _record(self, connection: Connection, who: str, what: str, target: str, **told: Any) -> None:
         audit.append(connection, at_s=self.clock(), who=who, what=what, target=target, **told)

@@ -127,7 +127,7 @@ def verified(connection: Connection, *, expected_head: str | None = None) -> Cha
         previous = row.digest
         seen = seen or previous == expected_head
     if not seen:
-        why = f"no row has the digest {str(expected_head)[:16]}...: the chain was cut off or made anew"
+        why = f"no row has the digest {str(expected_head)[:16]}...: the chain was cut off or rebuilt"
         return Chain(entries=count, head=previous, broken_at=count + 1, why=why)
     return Chain(entries=count, head=previous, broken_at=None)
 

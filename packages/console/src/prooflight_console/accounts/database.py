@@ -197,7 +197,7 @@ def _check_file(path: Path) -> None:
         os.close(os.open(path, os.O_CREAT | os.O_WRONLY | os.O_EXCL, 0o600))
         return
     if not stat.S_ISREG(mode):
-        raise _refusal(path, "is no plain file")
+        raise _refusal(path, "is not a regular file")
 
 
 def _make(connection: Connection, path: Path) -> None:
@@ -209,7 +209,7 @@ def _make(connection: Connection, path: Path) -> None:
         connection.exec_driver_sql("INSERT INTO console VALUES (?)", (SCHEMA,))
         return
     if console_table.name not in names:
-        raise _refusal(path, "is a database, but no console's")
+        raise _refusal(path, "is a database, but not that of a console")
     schema = connection.exec_driver_sql("SELECT schema FROM console").scalar()
     if not isinstance(schema, int) or schema not in range(1, SCHEMA + 1):
         raise _refusal(path, f"has schema {schema}, this version reads schema {SCHEMA}")

@@ -119,7 +119,7 @@ class Kiosks:
         """Enrol a device and return its secret; raises RequestError if the name cannot be used."""
         name = " ".join(name.split())
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
-            raise RequestError("kiosk", f"{name[:20]!r} is no name", remedy="say where the device stands")
+            raise RequestError("kiosk", f"{name[:20]!r} is not a name", remedy="write where the device is")
         secret, now_s = secrets.token_urlsafe(32), self._accounts.clock()
         values = {"digest": _digest(secret), "name": name, "by": by, "enrolled_s": now_s, "revoked_s": None}
         with writing(self._engine).begin() as connection:
@@ -148,7 +148,7 @@ class Kiosks:
             standing = (column.id == number) & column.revoked_s.is_(None)
             name = connection.execute(select(column.name).where(standing)).scalar()
             if name is None:
-                raise RequestError("kiosk", f"there is no kiosk {number}", remedy="look at the list again")
+                raise RequestError("kiosk", f"there is no kiosk {number}", remedy="reload the list")
             connection.execute(update(kiosks_table).where(standing).values(revoked_s=self._accounts.clock()))
             own = select(kiosk_sessions_table.c.digest).where(kiosk_sessions_table.c.kiosk_id == number)
             connection.execute(delete(sessions_table).where(sessions_table.c.digest.in_(own)))
@@ -178,9 +178,7 @@ class Kiosks:
     def set_pin(self, person: str, pin: str, *, by: str) -> None:
         """Set a person's PIN, which unlocks it; raises RequestError if it is no PIN, or is easily guessed."""
         if not re.fullmatch(rf"[0-9]{{{LEAST_DIGITS},{MOST_DIGITS}}}", pin) or _guessable(pin):
-            remedy = (
-                f"choose {LEAST_DIGITS} to {MOST_DIGITS} digits, not all alike and not one behind the other"
-            )
+            remedy = f"choose {LEAST_DIGITS} to {MOST_DIGITS} digits, not all equal and not consecutive"
             raise RequestError("PIN", "it cannot be used", remedy=remedy)
         self._set(person, "kiosk.pin", by, pin=self._passwords.hashed_pin(pin), failed=0)
 
@@ -191,7 +189,7 @@ class Kiosks:
             own = kiosk_keys_table.c.badge == hashed
             other = connection.execute(select(people_table.c.name).join(kiosk_keys_table).where(own)).scalar()
         if other is not None and other.lower() != person.lower():
-            raise RequestError("badge", f"it is that of {other}", remedy="take it from them first")
+            raise RequestError("badge", f"it belongs to {other}", remedy="remove it there first")
         self._set(person, "kiosk.badge", by, badge=hashed)
 
     def remove(self, person: str, *, by: str) -> None:

@@ -34,10 +34,10 @@ def checked_name(text: str) -> str:
     name = unicodedata.normalize("NFC", " ".join(part for part in text.split(" ") if part))
     if not 0 < len(name) <= MOST_NAME or not name.isprintable() or not any(map(str.isalnum, name)):
         remedy = f"give 1 to {MOST_NAME} letters that can be printed, on one line"
-        raise RequestError("name", f"{name[:MOST_NAME]!r} is none", remedy=remedy)
+        raise RequestError("name", f"{name[:MOST_NAME]!r} is not a name", remedy=remedy)
     if wrong := sorted(FORBIDDEN & set(name)):
         raise RequestError(
-            "name", f"{name!r} has {wrong[0]!r}", remedy="leave it out: names stand in addresses"
+            "name", f"{name!r} has {wrong[0]!r}", remedy="leave it out: names are part of addresses"
         )
     if len(mixed := scripts(name)) > 1:
         what = f"{name!r} mixes letters of {' and '.join(sorted(one.capitalize() for one in mixed))}"

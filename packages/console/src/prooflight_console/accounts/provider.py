@@ -170,7 +170,7 @@ class Provider:
         begun = self._take(parameters.get("state", ""), state)
         if "error" in parameters:
             what = f"{parameters['error']} {parameters.get('error_description', '')}".strip()
-            raise ProviderError("refused", f"it said: {what}")
+            raise ProviderError("refused", f"its message: {what}")
         metadata = self._metadata()
         issuer = parameters.get("iss")
         if issuer != self.settings.issuer and (issuer is not None or metadata.names_itself):
@@ -202,7 +202,7 @@ class Provider:
         """Remove and return the pending sign-in; it works once, and in the browser that began it."""
         now = self._clock()
         if not (returned and stored and secrets.compare_digest(returned.encode(), stored.encode())):
-            raise ProviderError("begun", "this browser began no such sign-in")
+            raise ProviderError("begun", "this browser did not start this sign-in")
         with self._guard:
             begun = self._begun.pop(returned, None)
         if begun is None or now > begun.at_s + BEGUN_S:
@@ -238,10 +238,10 @@ class Provider:
             raise ProviderError("refused", "its answer to the code cannot be read") from error
         if isinstance(content, dict) and "error" in content:
             what = f"{content['error']} {content.get('error_description') or ''}".strip()
-            raise ProviderError("refused", f"it did not take the code: {what}")
+            raise ProviderError("refused", f"it did not accept the code: {what}")
         token = content.get("id_token") if isinstance(content, dict) else None
         if not isinstance(token, str):
-            raise ProviderError("refused", "its answer holds no ID token")
+            raise ProviderError("refused", "its answer contains no ID token")
         return token
 
     def _checked(self, token: str, nonce: str) -> Identity:
@@ -254,14 +254,16 @@ class Provider:
         if mine.client_id not in audiences:
             raise ProviderError("refused", "the ID token is for another program")
         if (len(audiences) > 1 or "azp" in claims) and claims.get("azp") != mine.client_id:
-            raise ProviderError("refused", "the ID token was made for another program")
+            raise ProviderError("refused", "the ID token was issued for another program")
         ends, issued, begins = (_time(claims, name) for name in ("exp", "iat", "nbf"))
         if ends is None or issued is None:
-            raise ProviderError("refused", "the ID token does not say when it was made and ends")
+            raise ProviderError(
+                "refused", "the ID token does not state when it was issued and when it expires"
+            )
         if now >= ends + LEEWAY_S:
             raise ProviderError("refused", "the ID token has expired")
         if max(issued, begins or 0.0) > now + LEEWAY_S or issued < now - OLDEST_S - LEEWAY_S:
-            raise ProviderError("refused", "the ID token is of another time: compare the clocks")
+            raise ProviderError("refused", "the ID token is not of the present time: compare the clocks")
         returned_nonce = claims.get("nonce")
         if not isinstance(returned_nonce, str) or not secrets.compare_digest(
             returned_nonce.encode(), nonce.encode()
@@ -269,7 +271,7 @@ class Provider:
             raise ProviderError("refused", "the ID token is of another sign-in")
         subject = claims.get("sub")
         if not isinstance(subject, str) or not 0 < len(subject) <= 255:
-            raise ProviderError("refused", "the ID token says nobody")
+            raise ProviderError("refused", "the ID token names no user")
         groups = _texts(_claim(claims, mine.claim))
         name = _claim(claims, mine.name_claim)
         return Identity(
@@ -317,7 +319,8 @@ class Provider:
         document = self._json(issuer.rstrip("/") + "/.well-known/openid-configuration")
         if document.get("issuer") != issuer:
             raise ProviderError(
-                "down", f"it calls itself {document.get('issuer')!r}, the settings say {issuer!r}"
+                "down",
+                f"it states as its issuer {document.get('issuer')!r}, but the settings state {issuer!r}",
             )
         ends = document.get("end_session_endpoint")
         keys_at = _endpoint(document, "jwks_uri")
@@ -356,9 +359,9 @@ class Provider:
                 "down", f"{urlsplit(address).netloc}: {error or type(error).__name__}"
             ) from error
         except ValueError as error:
-            raise ProviderError("down", f"what it says at {urlsplit(address).path} is not JSON") from error
+            raise ProviderError("down", f"its answer at {urlsplit(address).path} is not JSON") from error
         if not isinstance(content, dict):
-            raise ProviderError("down", f"what it says at {urlsplit(address).path} is no object")
+            raise ProviderError("down", f"its answer at {urlsplit(address).path} is not a JSON object")
         return content
 
 
@@ -366,17 +369,17 @@ def _trust(settings: ProviderSettings) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=settings.ca_file)
     except (ssl.SSLError, OSError) as error:
-        what = f"holds no certificates ({getattr(error, 'reason', None) or error})"
-        raise RequestError(str(settings.ca_file), what, remedy="name certificates as PEM") from error
+        what = f"contains no certificates ({getattr(error, 'reason', None) or error})"
+        raise RequestError(str(settings.ca_file), what, remedy="give certificates as PEM") from error
 
 
 def _endpoint(document: Mapping[str, Any], name: str) -> str:
     address = document.get(name)
     parts = urlsplit(address) if isinstance(address, str) else None
     if parts is None or not parts.hostname:
-        raise ProviderError("down", f"it says no {name}")
+        raise ProviderError("down", f"it states no {name}")
     if parts.scheme != "https" and not (parts.scheme == "http" and is_loopback(parts.hostname)):
-        raise ProviderError("down", f"its {name} can be read along on the way")
+        raise ProviderError("down", f"its {name} is not encrypted: it must begin with https")
     return str(address)
 
 

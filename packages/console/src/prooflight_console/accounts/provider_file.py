@@ -36,7 +36,7 @@ def _address(text: str) -> str:
         message = "must be an address such as https://login.example/plant"
         raise ValueError(message)
     if parts.scheme == "http" and not is_loopback(parts.hostname):
-        message = "must begin with https: others could read along"
+        message = "must begin with https: others could read the exchange"
         raise ValueError(message)
     return text
 
@@ -77,7 +77,7 @@ class _Oidc(Block):
             message = "needs client_secret_file or client_secret_env, not both"
             raise ValueError(message)
         if "openid" not in self.scopes:
-            message = 'scopes must hold "openid"'
+            message = 'scopes must contain "openid"'
             raise ValueError(message)
         if not any(groups for _, groups in self.roles):
             message = "roles must map a group to at least one of viewer, operator, engineer, admin"
@@ -119,20 +119,20 @@ class ProviderSettings:
         try:
             raw: Any = tomllib.loads(FILES.read_text(path))
         except tomllib.TOMLDecodeError as error:
-            raise RequestError(path, f"is no TOML: {error}", remedy=FILES.remedy) from error
+            raise RequestError(path, f"is not TOML: {error}", remedy=FILES.remedy) from error
         if unknown := sorted(set(raw) - {"oidc"}):
-            raise RequestError(path, f"{unknown[0]} is not known here", remedy=REMEDY)
+            raise RequestError(path, f"{unknown[0]} is unknown here", remedy=REMEDY)
         if not isinstance(raw.get("oidc"), dict):
             raise RequestError(path, "has no block [oidc]", remedy=FILES.remedy)
         if "client_secret" in raw["oidc"]:
-            remedy = "write client_secret_file or client_secret_env, which names where it is"
-            raise RequestError(path, "oidc.client_secret must not stand in a file of settings", remedy=remedy)
+            remedy = "write client_secret_file or client_secret_env, which states where it is"
+            raise RequestError(path, "oidc.client_secret must not be in a file of settings", remedy=remedy)
         try:
             block = checked(_Oidc, raw["oidc"], under="oidc.")
         except Misfit as error:
             raise RequestError(path, str(error), remedy=REMEDY) from error
         except TypeError as error:  # a TOML date, which has no JSON form
-            raise RequestError(path, "oidc holds a date", remedy=REMEDY) from error
+            raise RequestError(path, "oidc contains a date", remedy=REMEDY) from error
         return cls(
             issuer=block.issuer,
             address=block.address.rstrip("/"),
@@ -164,5 +164,5 @@ def _certificates(path: Path, name: str | None) -> Path | None:
         return None
     certificates = path.parent / name
     if not certificates.is_file():
-        raise RequestError(path, f"oidc.ca_file: {name} is no file", remedy="name certificates as PEM")
+        raise RequestError(path, f"oidc.ca_file: {name} is not a file", remedy="give certificates as PEM")
     return certificates

@@ -90,7 +90,7 @@ class AlarmStore:
         """
         reason = " ".join(reason.split())
         if not reason or len(reason) > MOST_REASON:
-            remedy = f"say in 1 to {MOST_REASON} letters why the alarm needs no action until then"
+            remedy = f"state in 1 to {MOST_REASON} letters why the alarm needs no action until then"
             raise RequestError("reason", f"{len(reason)} letters are given", remedy=remedy)
         if not LEAST_SHELVED_S <= seconds <= MOST_SHELVED_S:
             remedy = f"choose {LEAST_SHELVED_S / 60:.0f} to {MOST_SHELVED_S / 60:.0f} minutes"

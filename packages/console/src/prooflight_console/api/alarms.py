@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 router = APIRouter(prefix=PREFIX, tags=["alarms"])
 
-Hours = Annotated[float, Query(ge=1, le=720, description="Time up to now of which the statistics are.")]
+Hours = Annotated[float, Query(ge=1, le=720, description="Period up to now that the statistics cover.")]
 ShelvingNumber = Annotated[int, Path(alias="shelving", ge=1, lt=2**63)]
 
 

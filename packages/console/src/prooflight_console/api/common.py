@@ -31,7 +31,7 @@ PageNumber = Annotated[int, Path(alias="page", ge=1, le=10_000_000, description=
 TileLevel = Annotated[int, Path(ge=0, le=24)]
 TilePlace = Annotated[int, Path(ge=0, lt=2**20)]
 IncidentNumber = Annotated[int, Path(alias="incident", ge=1, lt=2**63)]
-Limit = Annotated[int, Query(ge=1, le=MOST_AT_ONCE, description="Of one answer.")]
+Limit = Annotated[int, Query(ge=1, le=MOST_AT_ONCE, description="Rows of one answer.")]
 
 
 def console(request: Request) -> Console:

@@ -20,7 +20,9 @@ router = APIRouter(prefix=PREFIX, tags=["live"])
 
 MOST_LISTENERS: Final = 500
 LastId = Annotated[str | None, Header(alias="Last-Event-ID", max_length=20)]
-After = Annotated[int | None, Query(ge=0, lt=2**63, description="As Last-Event-ID, which comes first.")]
+After = Annotated[
+    int | None, Query(ge=0, lt=2**63, description="The same as Last-Event-ID, which has precedence.")
+]
 
 
 @router.get(
@@ -52,7 +54,7 @@ def live_answer(
 ) -> StreamingResponse:
     """Return a streaming response; raises ``Problem`` 503 if there are too many listeners."""
     if state.live.listeners >= MOST_LISTENERS:
-        raise Problem(503, "listeners", f"{MOST_LISTENERS} listen already")
+        raise Problem(503, "listeners", f"{MOST_LISTENERS} listeners are connected already")
 
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     stream = state.live.events(after, until=partial(state.accounts.over, who), parts=parts)

@@ -26,14 +26,16 @@ class GatedSheet(Answer):
     job_page: int | None
     page: str
     set: int | None = Field(description="From 0; null: nothing was decided of it.")
-    verdict: str = Field(description="Of all its sides; empty: nobody judged it.")
+    verdict: str = Field(description="Of all its sides; empty: there is no verdict.")
     in_journal: bool
     decision: str = Field(description="accept, divert, stop; empty: none.")
     tray: str = Field(description="good, reject; empty: the controller reported no tray.")
     why: str
     contested: bool = Field(description="Whether log and wire name different trays.")
-    tag: int | None = Field(description="By which the controller knows it; null: it was not told of it.")
-    position: int | None = Field(description="Encoder's count at which it was to reach the gate.")
+    tag: int | None = Field(
+        description="Tag at the controller; null: the controller did not receive the sheet."
+    )
+    position: int | None = Field(description="Count of the encoder at which it was expected at the gate.")
     written: bool = Field(description="Whether the controller acknowledged the decision.")
 
 
@@ -42,15 +44,15 @@ class GateAnswer(Answer):
 
     run: int
     sessions: list[int]
-    settings: dict[str, Any] = Field(description="[gate] of the press file, as the run began.")
+    settings: dict[str, Any] = Field(description="[gate] of the press file at the start of the run.")
     trays_from: Literal["file", "wire"] = Field(
-        description="From where it is known in which tray a sheet lies: `serve --trays`, or the wire."
+        description="Source of the trays: `serve --trays`, or the wire."
     )
     disagreements: list[dict[str, Any]] = Field(
-        description="Sheets of which the two differ; `file` is empty where the log has no row of it."
+        description="Sheets for which the two differ; `file` is empty where the log has no row."
     )
     counts: dict[str, int] = Field(description="Of all sheets of the run, by `account`.")
-    lost_by: dict[str, int] = Field(description="Good sheets that were rejected, by why.")
+    lost_by: dict[str, int] = Field(description="Good sheets that were rejected, by reason.")
     not_in_the_journal: int
     items: list[GatedSheet]
     next: Cursor

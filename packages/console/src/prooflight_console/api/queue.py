@@ -59,7 +59,7 @@ async def send(
     try:
         size = await state.queue.take(name, request.stream())
     except ClientDisconnect:
-        raise Problem(400, "broken-off", f"{name} did not come whole") from None
+        raise Problem(400, "broken-off", f"{name} did not arrive completely") from None
     state.accounts.note(who.name, "queue.send", name, after={"bytes": size})
     return SentAnswer(name=name, bytes=size)
 

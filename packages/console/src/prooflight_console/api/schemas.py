@@ -193,7 +193,7 @@ class IncidentAnswer(Answer):
     open: bool
     priority: Priority
     shelved_until_s: float | None = Field(
-        description="Unix time until which a person shelved it; null: nobody did."
+        description="Unix time until which a person shelved it; null: it is not shelved."
     )
     label: str | None
     labelled: bool = Field(description="Whether the label covers its sheets up to the last one.")
@@ -446,10 +446,12 @@ class NowAnswer(Answer):
     start: dict[str, Any] | None = Field(
         description="Stage of a start, its steps done and in total, and the seconds left; null: nothing starts."
     )
-    stopping: str | None = Field(description="Who asked for the end of the run, which goes on until then.")
+    stopping: str | None = Field(
+        description="Person who requested the end of the run, which continues until then."
+    )
     starter: dict[str, str] | None = Field(
-        description="What starts jobs of `folder` when people ask for it: key of its `job`, empty while it waits, and "
-        "`trouble`, why the last could not begin; null: nothing does."
+        description="Process that starts jobs of `folder` on request: key of its `job`, empty while it waits, and "
+        "`trouble`, why the last could not start; null: there is none."
     )
     overload: dict[str, int] | None
     """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""

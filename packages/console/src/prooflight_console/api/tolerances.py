@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 router = APIRouter(prefix=PREFIX, tags=["tolerances"])
 
-LastRuns = Annotated[int, Query(ge=1, le=200, description="Look at the last so many runs.")]
+LastRuns = Annotated[int, Query(ge=1, le=200, description="Number of last runs to analyse.")]
 
 
 class ToleranceAnswer(Answer):
@@ -32,16 +32,16 @@ class ToleranceAnswer(Answer):
     where: str
     pages: list[str]
     runs: list[int]
-    sheets: int = Field(description="False alarms that it would have kept silent.")
+    sheets: int = Field(description="False alarms that it would have suppressed.")
     up_to_score: float
-    misprints_lost: int = Field(description="Told misprints that would have passed there.")
+    misprints_lost: int = Field(description="Labelled misprints that would have passed there.")
     misprints_kept: int
-    untold: int = Field(description="Alarms there about which nobody has said anything.")
+    untold: int = Field(description="Unlabelled alarms there.")
     zone: ZoneBody | None = Field(
         description="Zone that grants it, to be priced and saved with the job's others."
     )
     granted: bool = Field(description="Whether the job's zones have it.")
-    trouble: str = Field("", description="Why it cannot be granted; empty: it can.")
+    trouble: str = Field("", description="Reason why it cannot be granted; empty: it can.")
 
 
 class TolerancesAnswer(Answer):

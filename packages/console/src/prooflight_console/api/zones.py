@@ -38,7 +38,7 @@ LONGEST_WAIT_S = 20.0
 POLL_S = 0.2
 PriceId = Annotated[str, Path(alias="price", max_length=40)]
 IfMatch = Annotated[
-    str | None, Header(alias="If-Match", max_length=200, description="`ETag` of the zones that were read.")
+    str | None, Header(alias="If-Match", max_length=200, description="`ETag` of the zones that were loaded.")
 ]
 Share = Annotated[float, Field(gt=0, le=0.5, allow_inf_nan=False)]
 Millimetres = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
@@ -79,17 +79,21 @@ class ZonesBody(BaseModel):
     """Zones of a job as a person drew them."""
 
     zones: list[ZoneBody] = Field(min_length=1, max_length=MOST_ZONES)
-    careful_share: Share = Field(CAREFUL_SHARE, description="Of the promise, that careful areas may use.")
+    careful_share: Share = Field(
+        CAREFUL_SHARE, description="Share of the guaranteed false-alarm rate that careful areas may use."
+    )
     press: str | None = Field(
-        None, max_length=64, description="Digest of the press; null: the first that can."
+        None, max_length=64, description="Digest of the press; null: the first suitable press."
     )
 
 
 class PriceBody(ZonesBody):
     """Zones to price, and the numbers of prints from which their price is computed."""
 
-    prints: int = Field(90, ge=12, le=2000, description="Good prints that calibrate them.")
-    trials: int = Field(24, ge=0, le=500, description="Prints with a defect, of each sort in each zone.")
+    prints: int = Field(90, ge=12, le=2000, description="Number of good prints for calibration.")
+    trials: int = Field(
+        24, ge=0, le=500, description="Number of prints with a defect, for each kind in each zone."
+    )
 
 
 class JobAnswer(Answer):
@@ -98,7 +102,7 @@ class JobAnswer(Answer):
     job: int
     name: str
     pages: int | None
-    zones: bool = Field(description="Whether a file of zones lies beside it.")
+    zones: bool = Field(description="Whether a file of zones is next to it.")
     trouble: str = ""
 
 
@@ -118,11 +122,11 @@ class ZonesAnswer(Answer):
     digest: str = Field(description="As a run's journal names it; empty: there are none.")
     zones_digest: str = Field(description="Of the zones without their price.")
     in_force: bool = Field(description="Whether they have a price.")
-    press_digest: str | None = Field(description="On which they were priced.")
+    press_digest: str | None = Field(description="Press for which the price was calculated.")
     prints: int | None
     price: list[dict[str, Any]]
     contested: list[str]
-    trouble: str = Field("", description="Why the file cannot be read; empty: it can.")
+    trouble: str = Field("", description="Reason why the file cannot be read; empty: it can.")
 
 
 class PagePictureAnswer(Answer):
@@ -165,8 +169,8 @@ class PriceAnswer(Answer):
     total: int
     why: str
     price: dict[str, Any] | None = Field(
-        description="`zones`: rows of `name, kind, pages, before, after`, the least that is caught at 99 % with the "
-        "interval in which it lies with 90 %; null: not even the strongest. Then `promised`, the rate of false alarms, "
+        description="`zones`: rows of `name, kind, pages, before, after`, the least that is detected at 99 % with "
+        "its 90 % interval; null: not even the strongest. Then `promised`, the guaranteed false-alarm rate, "
         "and how many of `good_prints` alarmed."
     )
 
@@ -305,7 +309,10 @@ async def price(
     price: PriceId,
     seen: Annotated[
         str | None,
-        Query(max_length=60, description="STAGE:DONE that is known: the answer waits until it is further."),
+        Query(
+            max_length=60,
+            description="STAGE:DONE of the last answer: the next answer waits for progress beyond it.",
+        ),
     ] = None,
 ) -> PriceAnswer:
     """Return the progress of a price, and its result."""

@@ -62,7 +62,7 @@ KeyOption = Annotated[Path | None, typer.Option("--tls-key", metavar="PEM", help
 OriginOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="URL", help="Another address by which browsers reach the console, as behind a proxy."
+        metavar="URL", help="Another address by which browsers reach the console, such as that of a proxy."
     ),
 ]
 TrustedProxyOption = Annotated[
@@ -78,16 +78,14 @@ TraysOption = Annotated[
 ]
 QueueOption = Annotated[
     Path | None,
-    typer.Option(
-        "--queue", metavar="FOLDER", help="Hot folder of jobs: shown, and sent to from the browser."
-    ),
+    typer.Option("--queue", metavar="FOLDER", help="Hot folder of jobs: shown, and filled from the browser."),
 ]
 ScansOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--scans",
         metavar="SCANS",
-        help="Recorded scans of a --job's good pages, for learning in the console.",
+        help="Recorded scans of a --job's good pages, for training in the console.",
     ),
 ]
 PressFileOption = Annotated[
@@ -224,7 +222,7 @@ def _network(text: str) -> str:
         )
     except ValueError as error:
         remedy = "give an address such as 127.0.0.1, or a network such as 10.0.0.0/24"
-        raise RequestError("--trusted-proxy", f"{text[:60]!r} is no address", remedy=remedy) from error
+        raise RequestError("--trusted-proxy", f"{text[:60]!r} is not an address", remedy=remedy) from error
 
 
 def print_address(address: str, link: str | None) -> None:
@@ -233,7 +231,7 @@ def print_address(address: str, link: str | None) -> None:
         return  # `prooflight serve user link` prints one
     show.people.print("The console is at", show.strong(address), "- Ctrl-C ends it.", soft_wrap=True)
     if link is not None:
-        show.people.print("Nobody can sign in yet. Open this link once to choose the admin's password:")
+        show.people.print("No user can sign in yet. Open this link once to choose the admin's password:")
         show.people.print(link, soft_wrap=True, highlight=False)
 
 
@@ -273,7 +271,7 @@ def token(
     journal: JournalUrl = None,
     data: Data = None,
 ) -> None:
-    """Print a new token of a user for a program, as Prometheus; it is shown this once."""
+    """Print a new token of a user for a program, such as Prometheus; it is shown only once."""
     from prooflight_console.accounts.roles import Scope
 
     for one in scope or ():
@@ -301,7 +299,7 @@ def users(journal: JournalUrl = None, data: Data = None, json: Json = False) -> 
         state = "locked out" if person.locked else at if person.ready else "has chosen no password yet"
         table.add_row(visible(person.name), person.role, visible(state))
     show.people.print(
-        table if people else "Nobody yet: `prooflight serve` prints a link for the first admin."
+        table if people else "There are no users yet: `prooflight serve` prints a link for the first admin."
     )
 
 
@@ -341,9 +339,9 @@ def verify(
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """Check that every row of the console's audit is as it was written; exits 1 if not.
+    """Verify that no row of the console's audit was changed; exits 1 if one was.
 
-    Note the head that it prints, elsewhere: with --head it then reports also whether the end was cut off.
+    Store the printed head elsewhere: with --head it then also reports whether the end was cut off.
     """
     from dataclasses import asdict
 
@@ -351,7 +349,7 @@ def verify(
     if json:
         show.print_json(asdict(chain) | {"whole": chain.whole})
     elif chain.whole:
-        show.people.print(f"The audit is whole: {chain.entries:,} rows, head {chain.head}", soft_wrap=True)
+        show.people.print(f"The audit is intact: {chain.entries:,} rows, head {chain.head}", soft_wrap=True)
     else:
         faults.report(f"the audit is broken: {chain.why}")
     if not chain.whole:
@@ -366,7 +364,7 @@ def _accounts(journal: str | None, data: Path | None, *, must_exist: bool = Fals
     settings = ConsoleSettings.of(journal_path(journal or str(default_journal())), data=data)
     if must_exist and not settings.data.exists():
         remedy = "give --data, or --journal of the console"
-        raise RequestError(settings.data, "there is no console's file", remedy=remedy)
+        raise RequestError(settings.data, "there is no file of a console", remedy=remedy)
     return Accounts(settings.data)
 
 

@@ -69,6 +69,6 @@ class ChartNotes:
             if not connection.execute(
                 update(chart_notes_table).where(standing).values(removed_by=by)
             ).rowcount:
-                raise RequestError("note", f"there is no note {number}", remedy="look at the list again")
+                raise RequestError("note", f"there is no note {number}", remedy="reload the list")
             target = f"note {number}"
             audit.append(connection, at_s=self._clock(), who=by, what="history.remove", target=target)

@@ -126,8 +126,8 @@ def _learn(request: StepRequest, reports: _Reports) -> StepResult:
     lock = WriterLock.take(
         request.press,
         error=RequestError,
-        wait="wait until the other call has ended, then begin again",
-        elsewhere="let the console write beside the press",
+        wait="wait until the other call has ended, then start again",
+        elsewhere="let the console write next to the press",
     )
     try:
         source = job_source(request.job, press)
@@ -203,10 +203,10 @@ def _costs(request: StepRequest, reports: _Reports) -> StepResult:
     press, target = Press.load(request.press), _target(request)
     alarm, miss = request.false_alarm_cents, request.missed_misprint_cents
     if alarm is None or miss is None:
-        raise RequestError("costs", "there are none", remedy="give the cost of a false alarm and of a miss")
+        raise RequestError("costs", "none are given", remedy="give the cost of a false alarm and of a miss")
     before = press.costs
     if (alarm, miss) == (before.false_alarm_cents, before.missed_misprint_cents):
-        raise RequestError("costs", "they are those in use", remedy="give others")
+        raise RequestError("costs", "they are already in use", remedy="give other costs")
     changed = press.with_costs(false_alarm_cents=alarm, missed_misprint_cents=miss)
     changed.save(target)
     return _result(

@@ -113,7 +113,7 @@ class PressVersions:
             with self._alone():
                 press, before = self.in_use()
                 if before != seen:
-                    raise Problem(412, "changed", "another version was put to use meanwhile: look again")
+                    raise Problem(412, "changed", "another version was put to use meanwhile: reload the page")
                 if Press.load(self.file_of(digest)).digest != digest:
                     raise Problem(409, "damaged", f"the file of version {version.name} is another press")
                 self._keep(press, before)
@@ -158,7 +158,7 @@ class PressVersions:
             self.press,
             error=RequestError,
             wait="wait until the other call has ended",
-            elsewhere="let the console write beside the press",
+            elsewhere="let the console write next to the press",
         )
         try:
             yield

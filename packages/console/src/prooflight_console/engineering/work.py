@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from prooflight_console.engineering.versions import PressVersions
 
 State = Literal["running", "done", "failed", "cancelled"]
-PROCESS_ENDED: Final = "the process ended before it was done, perhaps for want of memory; begin again"
+PROCESS_ENDED: Final = "the process ended before it was done, perhaps because memory ran out; start again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +78,7 @@ class Work:
                     self._guard.wait_for(lambda: self._process is None, END_S)
                 if self._process is not None:
                     raise Problem(
-                        409, "busy", f"a step that {now.by} began is being done; wait, or cancel it"
+                        409, "busy", f"a step that {now.by} started is in progress; wait, or cancel it"
                     )
             try:
                 process, receiver = begin_process(self._work, request, name="press-engineering")

@@ -57,7 +57,7 @@ def camera_events(request: Request, who: ViewerPage) -> StreamingResponse:
     """Stream the view as HTML whenever it changes; while this is open, the view is requested."""
     state, t = console(request), language_of(request, who)
     if state.live.listeners >= MOST_LISTENERS:
-        raise Problem(503, "listeners", f"{MOST_LISTENERS} listen already")
+        raise Problem(503, "listeners", f"{MOST_LISTENERS} listeners are connected already")
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(_events(state, who, t), media_type="text/event-stream", headers=headers)
 

@@ -125,4 +125,4 @@ def _position(text: str) -> tuple[datetime, int, int] | None:
     try:
         return datetime.fromisoformat(at), int(run), int(sheet)
     except ValueError as error:
-        raise Problem(422, "invalid", f"{text[:80]} is no place in the list") from error
+        raise Problem(422, "invalid", f"{text[:80]} is not a place in the list") from error

@@ -73,7 +73,7 @@ async def come_back(request: Request, _who: Anybody) -> Response:
 def _provider(request: Request) -> Provider:
     provider = console(request).provider
     if provider is None:
-        raise not_found("this console was given no provider to sign in at")
+        raise not_found("this console was started without a provider for sign-in")
     return provider
 
 

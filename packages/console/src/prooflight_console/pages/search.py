@@ -109,8 +109,8 @@ def _search(
     until: Moment = "",
     runs: Runs = "",
     sort: Short = "-time",
-    days: Annotated[int, Query(ge=0, le=3660, description="Until today; 0: as since and until say.")] = 0,
-    hours: Annotated[int, Query(ge=0, le=240, description="Until now; 0: as since and until say.")] = 0,
+    days: Annotated[int, Query(ge=0, le=3660, description="Until today; 0: from since to until.")] = 0,
+    hours: Annotated[int, Query(ge=0, le=240, description="Until now; 0: from since to until.")] = 0,
 ) -> Search:
     now = datetime.fromtimestamp(console(request).accounts.clock())
     if days:
@@ -345,7 +345,7 @@ def _picked(text: str) -> tuple[int, int]:
     """Return run and sheet of a picked row. Problem 422: the text names none."""
     run, _, sheet = text.partition("/")
     if not (run.isascii() and run.isdecimal() and sheet.isascii() and sheet.isdecimal() and len(text) < 40):
-        raise Problem(422, "invalid", f"{text[:40]!r} is no sheet")
+        raise Problem(422, "invalid", f"{text[:40]!r} is not a sheet")
     return int(run), int(sheet)
 
 
@@ -374,7 +374,7 @@ def length_mm(text: str, name: str) -> float | None:
     except ValueError:
         value = math.nan
     if not -MOST_MM <= value <= MOST_MM or (value < 0 and name not in ("x", "y")):
-        raise Problem(422, "invalid", f"{name}: {text[:20]!r} is no length in mm")
+        raise Problem(422, "invalid", f"{name}: {text[:20]!r} is not a length in mm")
     return value
 
 
@@ -388,13 +388,13 @@ def moment_s(text: str, *, days: int = 0) -> float | None:
     try:
         return datetime.fromisoformat(text).astimezone().timestamp()
     except (ValueError, OverflowError, OSError) as error:
-        raise Problem(422, "invalid", f"{text} is no time") from error
+        raise Problem(422, "invalid", f"{text} is not a time") from error
 
 
 def day_s(text: str, *, days: int = 0) -> float | None:
     """Return the Unix time at which a day began, by the clock of the console's machine, or ``days`` later.
 
-    Raises ``Problem`` 422 if the text is no day.
+    Raises ``Problem`` 422 if the text is not a day.
     """
     if not text:
         return None
@@ -402,4 +402,4 @@ def day_s(text: str, *, days: int = 0) -> float | None:
         day = date.fromisoformat(text) + timedelta(days=days)
         return datetime(day.year, day.month, day.day).astimezone().timestamp()
     except (ValueError, OverflowError, OSError) as error:
-        raise Problem(422, "invalid", f"{text} is no day") from error
+        raise Problem(422, "invalid", f"{text} is not a day") from error

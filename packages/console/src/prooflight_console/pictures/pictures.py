@@ -60,8 +60,10 @@ THUMBNAIL: Final = 224
 MAKING: Final = (ProoflightError, OSError, ValueError, RuntimeError, MemoryError, CancelledError)
 """Errors that end the making of a page."""
 NOT_STARTED: Final = "no process can be started that draws pages"
-PROCESS_ENDED: Final = "the process that draws pages ended before this was done, perhaps for want of memory"
-AGAIN: Final = "close what takes memory on this machine, and ask again"
+PROCESS_ENDED: Final = (
+    "the process that draws pages ended before this was done, perhaps because memory ran out"
+)
+AGAIN: Final = "close other programs on this machine, and try again"
 _NAME = re.compile(r"p([0-9]{4,7})")
 
 

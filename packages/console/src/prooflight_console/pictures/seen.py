@@ -48,7 +48,7 @@ def make_seen(
     """
     read = whole_scan(evidence)
     if read is None:
-        raise ValueError("what was kept of the whole scan is damaged")
+        raise ValueError("the stored whole scan is damaged")
     light, box = read
     loaded = None if press is None else Press.load(press)
     width_mm = expected.width_mm

@@ -57,7 +57,7 @@ class SavedSearches:
         """Save a search; one of the same name is replaced. RequestError: it has no name, or there are too many."""
         name = " ".join(name.split())
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
-            raise RequestError("name", "is none", remedy=f"give 1 to {MOST_NAME} letters")
+            raise RequestError("name", "is not a name", remedy=f"give 1 to {MOST_NAME} letters")
         column = _searches.c
         with writing(self._engine).begin() as connection:
             connection.execute(delete(_searches).where(column.person == person, column.name == name))

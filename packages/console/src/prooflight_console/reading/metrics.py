@@ -163,7 +163,7 @@ class Metrics(Collector):
     def _of_run(self) -> Iterator[Metric]:
         now = self._live.now
         state = GaugeMetricFamily(
-            "prooflight_state", "State of the press: 1 for the one it is in.", labels=["state"]
+            "prooflight_state", "State of the press: 1 for the current one.", labels=["state"]
         )
         for name in STATES:
             state.add_metric([name], float(name == now.state))
@@ -189,7 +189,7 @@ class Metrics(Collector):
             press=facts.press,
             detector=facts.detector,
         )
-        yield _gauge("run_active", "Whether the last run goes on.", float(run.state == "running"))
+        yield _gauge("run_active", "Whether the last run is in progress.", float(run.state == "running"))
         if facts.sheets is not None:
             yield _gauge("run_expected_sheets", "Sheets that the last run expects.", facts.sheets)
         for name, value in (("pages", run.pages), ("misprints", run.misprints), ("late", run.late),

@@ -106,7 +106,7 @@ class Queue:
         try:
             self.control.start(key, by=by)
         except OSError as error:
-            what = f"the start could not be asked for ({error.strerror})"
+            what = f"the start could not be requested ({error.strerror})"
             raise Problem(503, "storage", what) from error
         return entry
 
@@ -155,4 +155,4 @@ def _refuse_name(name: str) -> None:
 
 
 def _there(name: str) -> Problem:
-    return Problem(409, "there-already", f"{name} is in the folder already, and waits to be taken in")
+    return Problem(409, "there-already", f"{name} is in the folder already, and has not been taken in yet")

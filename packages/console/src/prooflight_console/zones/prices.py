@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 State = Literal["running", "done", "failed", "cancelled"]
 MOST_STORED: Final = 16
 """Number of prices that are kept in memory; the oldest is dropped first."""
-AGAIN: Final = "close what takes memory on this machine, and ask again"
+AGAIN: Final = "close other programs on this machine, and try again"
 PROCESS_ENDED: Final = (
-    f"the process that makes the price ended before it was done, perhaps for want of memory; {AGAIN}"
+    f"the process that calculates the price ended before it was done, perhaps because memory ran out; {AGAIN}"
 )
 
 
@@ -88,7 +88,9 @@ class Prices:
                 self._guard.wait_for(lambda: self._running is None, END_S)
             if self._running is not None:
                 by = self._tasks[self._running[0]].by
-                raise Problem(409, "busy", f"a price that {by} asked for is being made; wait, or cancel it")
+                raise Problem(
+                    409, "busy", f"a price that {by} requested is being calculated; wait, or cancel it"
+                )
             try:
                 process, receiver = begin_process(self._work, request, name="zones-price")
             except OSError as error:

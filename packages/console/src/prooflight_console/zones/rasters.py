@@ -154,8 +154,8 @@ class Rasters:
             raise Problem(409, "unusable", str(error)) from error
         except MAKING as error:
             _log.warning("page %d of %s cannot be drawn (%r)", number, job.name, error)
-            what = f"page {number} of {job.name} could not be drawn, and the console's log says why"
-            raise Problem(409, "unusable", f"{what}; see that the job opens in a viewer") from error
+            what = f"page {number} of {job.name} could not be drawn; the console's log contains the reason"
+            raise Problem(409, "unusable", f"{what}; check that the job opens in a viewer") from error
 
 
 def _read(folder: Path) -> Raster | None:

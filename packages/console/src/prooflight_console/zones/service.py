@@ -87,7 +87,7 @@ class ZonesService:
     def job(self, number: int) -> GivenJob:
         """Return a job; raises ``Problem`` 404 if there is none of that number, 409 if it cannot be read."""
         if not 1 <= number <= len(self._jobs):
-            raise not_found(f"the console was given no job {number}")
+            raise not_found(f"the console was started without a job {number}")
         path = self._jobs[number - 1]
         try:
             stamp = content_stamp(path)
@@ -115,7 +115,9 @@ class ZonesService:
             if digest in (None, press.digest):
                 return press
         which = "of that digest" if digest else "that was trained for the matched filter"
-        raise Problem(409, "no-press", f"the console was given no press {which}; start it with --press")
+        raise Problem(
+            409, "no-press", f"the console was started without a press {which}; start it with --press"
+        )
 
     def saved(self, job: GivenJob) -> ZonesAsSaved:
         """Return the zones in the job's file."""
@@ -169,7 +171,7 @@ class ZonesService:
             job_digest=job.digest, zones_digest=zones.zones_digest, press_digest=press.digest
         )
         if task is None or task.priced is None:
-            raise Problem(409, "unpriced", "these zones have no price on this press: ask for it first")
+            raise Problem(409, "unpriced", "these zones have no price on this press: request it first")
         return self._written(job, zones.priced(task.priced.entry), tag=tag, who=who)
 
     def remove(self, job: GivenJob, *, tag: str, who: Who) -> ZonesAsSaved:
@@ -181,7 +183,7 @@ class ZonesService:
             before = self.saved(job)
             if tag != before.tag:
                 raise Problem(
-                    412, "changed", "somebody has saved zones of this job meanwhile: read them first"
+                    412, "changed", "zones of this job were saved by someone else meanwhile: load them first"
                 )
             # Record in the audit first, so that nothing is ever in force without a record.
             self._accounts.note(

@@ -76,7 +76,11 @@ def dark(bench: Bench) -> StepResult:
             )
         remarks.append(line)
     values = {f"black_dn.{at + 1}": _mean(one) for at, one in enumerate(usual)}
-    unmeasured = () if len(times) > 1 else ("dark current apart from black level: one exposure time only",)
+    unmeasured = (
+        ()
+        if len(times) > 1
+        else ("dark current, separate from the black level: there is only one exposure time",)
+    )
     return StepResult(good=good, remarks=tuple(remarks), values=values, unmeasured=unmeasured)
 
 
@@ -96,7 +100,7 @@ def _refuse_light(bench: Bench, lines: NDArray[np.uint16], top: int) -> None:
     level = float(lines.mean())
     spread = max(float(np.ptp(smoothed(image.mean(axis=0)))) for image in lines)
     if level > DARK_MOST * top or spread > DARK_MOST / 4 * top:
-        what = f"is not dark: {level:.0f} DN of {top}, {spread:.0f} DN more at one place than at another"
+        what = f"is not dark: {level:.0f} DN of {top}, {spread:.0f} DN of difference along the line"
         raise ScanError(bench.where, what, remedy="cover the lens")
 
 
@@ -135,7 +139,9 @@ def flat(bench: Bench) -> StepResult:
     if timed:
         why = "measured: light at 80 % of full"
         edits.append(Edit(block="camera", field="exposure_us", value=round(at_work, 2), why=why))
-        remarks.append(f"exposure at work {at_work:.4g} us: the brightest column at {100 * AT_WORK:.0f} %")
+        remarks.append(
+            f"exposure for operation {at_work:.4g} us: the brightest column at {100 * AT_WORK:.0f} %"
+        )
     return StepResult(
         good=good,
         remarks=tuple(remarks),
@@ -230,13 +236,13 @@ def _lit_flats(bench: Bench) -> list[tuple[Exposure, ...]]:
         if share > 0.001:
             what = f"is saturated: {100 * share:.3g} % of its pixels are at {top} DN"
             raise ScanError(
-                bench.where, what, remedy="dim the light, and begin with the brightest level again"
+                bench.where, what, remedy="dim the light, and start again with the brightest level"
             )
         flats.append(_exposures(bench, lines, f"flat {level}"))
         if level == LEVELS:
             break
         question = f"Level {level}: {flats[-1][0].mean_dn:.0f} DN. Change the light to another level"
-        if bench.ask("flat.level", f"{question}; d: that was the last", "") == "d":
+        if bench.ask("flat.level", f"{question}; d: this was the last level", "") == "d":
             break
     black = next(iter(bench.dark.values()))[0]
     if max(one[0].mean_dn for one in flats) - black.mean_dn < 5.0:

@@ -30,7 +30,7 @@ STALE_BLOCKS: Final = 2
 
 One was being exposed, one was on its way. assumed: cameras hold no more.
 """
-SILENT: Final = 'let the paper run; look at encoder and TriggerSource, or set trigger = "free" under [camera]'
+SILENT: Final = 'start the paper; check encoder and TriggerSource, or set trigger = "free" under [camera]'
 RATE_BLOCKS: Final = 64
 """Number of blocks over which the line rate is counted."""
 WAITED_S: Final = 1e-3
@@ -112,7 +112,9 @@ class CameraLineReader:
         """
         one = self.feature(feature)
         if one is None or not one.writable:
-            raise ScanError(self.name, f"does not let {NAMES[feature][0]} be set", remedy=FEATURES_REMEDY)
+            raise ScanError(
+                self.name, f"does not allow {NAMES[feature][0]} to be set", remedy=FEATURES_REMEDY
+            )
         low = value if one.least is None else max(value, one.least)
         clamped = low if one.greatest is None else min(low, one.greatest)
         self.camera.set(one.name, f"{clamped:.12g}" if one.kind == "float" else str(round(clamped)))

@@ -61,8 +61,8 @@ def focus(bench: Bench) -> StepResult:
         if passes or (result is not None and tried >= FOCUS_LINES // 2) or tried >= PAGES_LINES // 2:
             break
     if result is None:
-        what = "sees no edges to tell sharpness from"
-        raise ScanError(bench.where, what, remedy="lay a page of `prooflight chart make --ruler` under it")
+        what = "sees no edges from which sharpness can be measured"
+        raise ScanError(bench.where, what, remedy="place a page of `prooflight chart make --ruler` under it")
     camera = bench.camera()
     wanted = lens_mtf50(camera, camera.sensors[0])
     good = result.across.value >= SHARP_LEAST * wanted
@@ -80,12 +80,12 @@ def focus(bench: Bench) -> StepResult:
         at, sharp = zip(*result.places, strict=True)
         spread = (max(sharp) - min(sharp)) / np.mean(sharp)
         remarks.append(
-            f"along the line {min(sharp):.3f} to {max(sharp):.3f}, least at {100 * at[int(np.argmin(sharp))]:.0f} %"
+            f"along the line {min(sharp):.3f} to {max(sharp):.3f}, lowest at {100 * at[int(np.argmin(sharp))]:.0f} %"
         )
         if spread > TILT_MOST:
             good = False
             remarks.append(
-                "sharpness differs along the line: the camera stands at a slant, or the lens is not its own"
+                "sharpness differs along the line: the camera is tilted, or the lens does not suit it"
             )
     if result.across.value < SHARP_LEAST * wanted:
         remarks.append("turn the lens while `prooflight camera view` shows its MTF50, then repeat this step")
@@ -131,7 +131,7 @@ def width(bench: Bench) -> StepResult:
     remarks = [
         f"{pixel.value:.6f} +- {pixel.standard_error:.6f} mm a pixel, {field_mm:.1f} mm in all"
         f" ({scale.bars[0]} marks, each within {scale.residual_px[0]:.3f} pixel); {how}",
-        f"the page lies turned by {scale.skew_deg.value:+.3f} +- {scale.skew_deg.standard_error:.3f} degrees,"
+        f"the page is rotated by {scale.skew_deg.value:+.3f} +- {scale.skew_deg.standard_error:.3f} degrees,"
         f" columns and lines are {abs(scale.shear_deg):.3f} degrees off a right angle",
     ]
     good = abs(scale.shear_deg) < 0.5
@@ -145,7 +145,7 @@ def width(bench: Bench) -> StepResult:
         block="lens",
         field="object_distance_mm",
         value=round(float(distance), 3),
-        why=f"measured: lays a pixel on {pixel.value:.6f} +- {pixel.standard_error:.6f} mm",
+        why=f"measured: a pixel covers {pixel.value:.6f} +- {pixel.standard_error:.6f} mm",
     )
     return StepResult(good=good, remarks=tuple(remarks), edits=(edit,), values={"pixel_mm": pixel})
 
@@ -156,13 +156,13 @@ def _plane_lines(bench: Bench, reading: tuple[SensorReading, ...]) -> list[str]:
     for letter in "CMY":
         seen = [plane for one in reading for plane in one.planes if plane.ink == letter]
         if not seen:
-            lines.append(f"plane {letter} is not seen well enough to be placed")
+            lines.append(f"plane {letter} is not visible enough to be located")
             continue
         plane = min(seen, key=lambda one: one.across_mm.standard_error)
         lines.append(
-            f"plane {letter} lies {1000 * plane.across_mm.value:+.0f} +- {1000 * plane.across_mm.standard_error:.0f} um"
-            f" across and {1000 * plane.along_mm.value:+.0f} +- {1000 * plane.along_mm.standard_error:.0f} um along"
-            " from black"
+            f"plane {letter} is offset by {1000 * plane.across_mm.value:+.0f}"
+            f" +- {1000 * plane.across_mm.standard_error:.0f} um across and {1000 * plane.along_mm.value:+.0f}"
+            f" +- {1000 * plane.along_mm.standard_error:.0f} um along from black"
         )
     return lines
 
@@ -174,7 +174,7 @@ def _on_paper(bench: Bench, key: str, way: str, by_page: Measured) -> tuple[Meas
     if not answer:
         error = by_page.value * UNCHECKED
         whole = Measured(value=by_page.value, standard_error=float(np.hypot(by_page.standard_error, error)))
-        return whole, f"nobody measured the page, which may be off by {100 * UNCHECKED:g} %"
+        return whole, f"the page was not measured, and its size may be wrong by {100 * UNCHECKED:g} %"
     try:
         measured, printed = (float(part) for part in answer.split("/"))
     except ValueError:
@@ -197,10 +197,10 @@ def pitch(bench: Bench) -> StepResult:
     rate_hz, whose = _line_rate(bench)
     stated = camera.line_pitch_mm
     if not bench.begun and abs(line.value / stated - 1) > 4 * PITCH_OFF:
-        times = f"{line.value / stated:.2f} times what {bench.press.path.name} says"
-        what = f"lays lines {line.value:.4f} mm apart, {times}"
+        times = f"{line.value / stated:.2f} times the pitch in {bench.press.path.name}"
+        what = f"has a line pitch of {line.value:.4f} mm, {times}"
         speed = line.value * rate_hz
-        remedy = f"set the encoder's divider, or transport.speed_mm_s = {speed:.1f} if that is meant"
+        remedy = f"set the encoder's divider, or transport.speed_mm_s = {speed:.1f} if this pitch is intended"
         raise ScanError(bench.where, what, remedy=remedy)
     remarks = [
         f"{line.value:.6f} +- {line.standard_error:.6f} mm a line"
@@ -209,10 +209,14 @@ def pitch(bench: Bench) -> StepResult:
     good = True
     if len(bench.passes) > 1:
         spread = np.ptp(bench.passes) / np.mean(bench.passes)
-        remarks.append(f"{len(bench.passes)} pages passed, their lines alike to {100 * spread:.3f} %")
+        remarks.append(
+            f"{len(bench.passes)} pages passed, and their line pitches agree within {100 * spread:.3f} %"
+        )
         good = bool(spread < PITCH_OFF / 10)
     if scale.bent_along_mm > 0:
-        remarks.append(f"along the page lines wander by {1000 * scale.bent_along_mm:.0f} um at most")
+        remarks.append(
+            f"along the page, lines are off their places by {1000 * scale.bent_along_mm:.0f} um at most"
+        )
     pixel = scale.pixel_mm.value
     remarks.append(f"a line is {line.value / pixel:.4f} times as long as a pixel is wide")
     stages = camera.sensors[0].tdi_stages
@@ -257,13 +261,13 @@ def _line_rate(bench: Bench) -> tuple[float, str]:
         and reported.value
         and abs(float(reported.value) / max(counted, 1e-9) - 1) < 0.2
     ):
-        return float(reported.value), f"by the camera's word, {counted:.0f} counted"
+        return float(reported.value), f"as the camera reports, {counted:.0f} counted"
     reported_hz = (
-        f", the camera says {float(reported.value):.0f}"
+        f", the camera reports {float(reported.value):.0f}"
         if free and reported is not None and reported.value
         else ""
     )
-    return counted, f"counted as they came{reported_hz}"
+    return counted, f"counted as they arrived{reported_hz}"
 
 
 def paper(bench: Bench) -> StepResult:
@@ -291,7 +295,7 @@ def paper(bench: Bench) -> StepResult:
         )
     if len(factors) > 1 and np.ptp(factors) > 0.1 * np.mean(factors):
         remarks.append(
-            "sensors see paper in other shares than the press file's light and quantum efficiencies say"
+            "the sensors' signals of paper are not in the ratio of the press file's light and quantum efficiencies"
         )
     edit = Edit(
         block="light",
@@ -304,7 +308,7 @@ def paper(bench: Bench) -> StepResult:
         remarks=tuple(remarks),
         edits=(edit,),
         values={"luminance_cd_m2": Measured(value=luminance, standard_error=0.0)},
-        unmeasured=("the light's spectrum: as the press file has it",),
+        unmeasured=("the light's spectrum: it is that of the press file",),
     )
 
 

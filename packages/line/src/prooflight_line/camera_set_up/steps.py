@@ -39,35 +39,35 @@ def _fits(bench: Bench) -> StepResult:
     edits: list[Edit] = []
     if bench.begun and not bench.described:
         if line_reader.sensors != len(sensors):
-            what = f"sends {line_reader.sensors} sensors, {bench.press.path.name} describes {len(sensors)}"
-            raise ScanError(bench.where, what, remedy="begin with a press file of as many [[sensor]] blocks")
+            what = (
+                f"sends {line_reader.sensors} sensors, but {bench.press.path.name} describes {len(sensors)}"
+            )
+            raise ScanError(
+                bench.where, what, remedy="start with a press file that has as many [[sensor]] blocks"
+            )
         edits = _of_data_sheet(bench)
     else:
         _refuse_other(bench, sensors)
     rate = bench.line_reader.feature("line_rate_hz")
-    rate_text = f", {float(rate.value):g} lines/s by its own word" if rate is not None and rate.value else ""
+    rate_text = f", {float(rate.value):g} lines/s as it reports" if rate is not None and rate.value else ""
     return StepResult(good=True, remarks=(f"{bench.where}: {form}{rate_text}",), edits=tuple(edits))
 
 
 def _refuse_other(bench: Bench, sensors: Sequence[LineSensor]) -> None:
     line_reader, file = bench.line_reader, bench.press.path.name
     if line_reader.pixels != sensors[0].pixels:
-        what = f"sends lines of {line_reader.pixels} pixels, {file} says sensor.pixels = {sensors[0].pixels}"
+        what = f"sends lines of {line_reader.pixels} pixels, but {file} states sensor.pixels = {sensors[0].pixels}"
         raise ScanError(
             bench.where,
             what,
-            remedy=f"set Width = {sensors[0].pixels} under [camera.features], or mend pixels",
+            remedy=f"set Width = {sensors[0].pixels} under [camera.features], or correct pixels",
         )
     if line_reader.sensors != len(sensors):
-        what = (
-            f"sends {line_reader.form.name}, {line_reader.sensors} sensors, {file} describes {len(sensors)}"
-        )
+        what = f"sends {line_reader.form.name}, {line_reader.sensors} sensors, but {file} describes {len(sensors)}"
         raise ScanError(bench.where, what, remedy="set camera.pixel_format, or describe each [[sensor]]")
     bits = sensors[0].bits
     if line_reader.form.bits not in (bits, 16):
-        what = (
-            f"sends {line_reader.form.name}, {line_reader.form.bits} bits, {file} says sensor.bits = {bits}"
-        )
+        what = f"sends {line_reader.form.name}, {line_reader.form.bits} bits, but {file} states sensor.bits = {bits}"
         raise ScanError(bench.where, what, remedy=f'set camera.pixel_format, e.g. "Mono{bits}"')
 
 
@@ -90,7 +90,9 @@ def _of_data_sheet(bench: Bench) -> list[Edit]:
     ]
     bits = line_reader.form.bits
     if bits == 16:
-        bits = int(_number(bench, "bits", "Bits of the converter (its numbers come in 16)", 12, whole=True))
+        bits = int(
+            _number(bench, "bits", "Bits of the converter (its values are sent as 16 bits)", 12, whole=True)
+        )
     edits += [
         Edit(block="sensor", field="bits", value=bits, why=f"as {line_reader.form.name} sends", number=at)
         for at in every
@@ -99,16 +101,19 @@ def _of_data_sheet(bench: Bench) -> list[Edit]:
         source = camera.lens if block == "lens" else camera.sensors[0]
         before = getattr(source, name)
         value = _number(bench, name, question, before, whole=isinstance(before, int))
-        why = "stated: data sheet" if value != before else "assumed: nobody said otherwise when it was set up"
+        why = "stated: data sheet" if value != before else "assumed: no other value was given at set-up"
         numbers = every if block == "sensor" else (0,)
         edits += [Edit(block=block, field=name, value=value, why=why, number=at) for at in numbers]
     present = {"pixel_format": line_reader.form.name}
     lines = line_reader.feature("block_lines")
     edits += [
-        Edit(block="camera", field=name, value=value, why="as it stood") for name, value in present.items()
+        Edit(block="camera", field=name, value=value, why="as the camera had it")
+        for name, value in present.items()
     ]
     if lines is not None and lines.value:
-        edits.append(Edit(block="camera", field="block_lines", value=int(lines.value), why="as it stood"))
+        edits.append(
+            Edit(block="camera", field="block_lines", value=int(lines.value), why="as the camera had it")
+        )
     return edits
 
 
@@ -119,7 +124,9 @@ def _number(bench: Bench, key: str, question: str, usual: float, *, whole: bool)
     except ValueError:
         value = -1
     if not 0 < value < 1e6:
-        raise RequestError(key, f"{shortly(answer)!r} is no number for it", remedy=f"give e.g. {usual:g}")
+        raise RequestError(
+            key, f"{shortly(answer)!r} is not a number that fits", remedy=f"give e.g. {usual:g}"
+        )
     return value
 
 
@@ -133,13 +140,13 @@ STEPS: Final = (
     Step(
         key="flat",
         title="Even light",
-        do="Uncover the lens; lay white paper under all of its line, lamp on.",
+        do="Uncover the lens; place white paper under its whole line, with the lamp on.",
         measure=exposure_steps.flat,
     ),
     Step(
         key="focus",
         title="Focus",
-        do="Let a ruler page pass, or lay it still under the camera with a comb below the line.",
+        do="Let a ruler page pass, or place it under the camera with a comb below the line.",
         measure=page_steps.focus,
     ),
     Step(key="width", title="Width", do="Let a whole ruler page pass.", measure=page_steps.width),

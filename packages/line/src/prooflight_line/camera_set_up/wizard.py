@@ -86,13 +86,13 @@ class Protocol:
             protocol.dark_exposures()
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise RequestError(
-                path, "is no protocol of a set-up", remedy="delete it to begin anew"
+                path, "is not the protocol of a set-up", remedy="delete it to start over"
             ) from error
         if protocol.finished:
             return None
         if protocol.camera != camera:
-            what = f"is of camera {protocol.camera}, and unfinished"
-            raise RequestError(path, what, remedy="say --again to begin anew with this one")
+            what = f"belongs to camera {protocol.camera}, and is unfinished"
+            raise RequestError(path, what, remedy="use --again to start over with this camera")
         return protocol
 
     def keep(self, path: Path) -> None:
@@ -256,9 +256,11 @@ def answers_of(given: Mapping[str, Any], keys: Sequence[str], *, where: object) 
     for key, value in given.items():
         several = value if isinstance(value, list) else [value]
         if key not in keys:
-            raise RequestError(where, f"{key!r} is no question", remedy=f"answer {', '.join(keys)}")
+            raise RequestError(where, f"{key!r} is not a question", remedy=f"use {', '.join(keys)}")
         if not all(isinstance(one, str | int | float) and not isinstance(one, bool) for one in several):
-            raise RequestError(where, f"{key} holds no answer", remedy='write e.g. focus = "s"')
+            raise RequestError(
+                where, f"{key} has a value that is not an answer", remedy='write e.g. focus = "s"'
+            )
         left[key] = [str(one) for one in several]
 
     def answer(key: str) -> str:

@@ -135,7 +135,9 @@ class AravisCamera:
         if not self._controlled:
             self.close()
             raise ScanError(
-                camera.id, "is controlled by another program", remedy="end that, or wait 3 s for its end"
+                camera.id,
+                "is controlled by another program",
+                remedy="end that program, or wait 3 s until the camera is free",
             )
 
     def features(self) -> Mapping[str, Feature]:
@@ -171,7 +173,7 @@ class AravisCamera:
         self._give_back()
         if not self._controlled:  # lines may go on coming all the same
             raise disconnected(
-                self.info.id, "is gone: it no longer answers, or another program has taken control"
+                self.info.id, "is disconnected: it no longer answers, or another program controls it"
             )
         buffer = plainly(
             "arv_stream_timeout_pop_buffer", POINTER, (POINTER, UINT64), self._stream, round(1e6 * timeout_s)

@@ -56,7 +56,9 @@ def camera_named(name: str) -> CameraInfo:
             return one
     answer = ", ".join(one.id for one in cameras)
     remedy = (
-        f"these answer: {answer}" if cameras else "none answers: look at cable, power and network address"
+        f"these cameras answer: {answer}"
+        if cameras
+        else "no camera answers: check cable, power and network address"
     )
     raise RequestError(f"camera {name}", "does not answer", remedy=remedy)
 

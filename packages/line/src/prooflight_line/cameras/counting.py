@@ -151,7 +151,7 @@ class LineCounter:
         ahead = self._ahead(grab)
         if ahead <= 0:
             first = max(self.next_line + (ahead - 1) * grab.lines, 0)
-            what = f"block {grab.block_id} came behind block {self._last_id}, and its lines were left out"
+            what = f"block {grab.block_id} came after block {self._last_id}, and its lines were discarded"
             self._pending_faults.append(
                 LineFault(kind="late-lines", first_line=first, lines=grab.lines, detail=what)
             )
@@ -162,7 +162,7 @@ class LineCounter:
         if ahead > 1:
             count = (ahead - 1) * grab.lines
             blocks = f"{ahead - 1} blocks before block {grab.block_id}"
-            self._report_lost("lost-blocks", count, f"{self._lines(count)} lost: {blocks} did not come")
+            self._report_lost("lost-blocks", count, f"{self._lines(count)} lost: {blocks} did not arrive")
         self._last_id = grab.block_id
         if triggers is None:
             self._uncounted += ahead * grab.lines
@@ -185,7 +185,7 @@ class LineCounter:
         first, form = self.next_line, pixel_format(grab.pixel_format, where=self.name)
         if ignored:
             begin, lines = first - uncounted, uncounted + grab.lines + ignored
-            what = f"{ignored} line triggers were passed over somewhere in lines {begin} to {first + grab.lines - 1}"
+            what = f"{ignored} line triggers were missed within lines {begin} to {first + grab.lines - 1}"
             self._pending_faults.append(
                 LineFault(kind="lost-triggers", first_line=begin, lines=lines, detail=what)
             )
@@ -255,6 +255,6 @@ class LineCounter:
         expected = self.pixels or pixels, self.sensors or sensors
         if (pixels, sensors) != expected:
             what = f"sends {sensors} sensors x {pixels} pixels"
-            remedy = f"set it to {expected[1]} sensors x {expected[0]} pixels, as the press has"
+            remedy = f"set it to {expected[1]} sensors x {expected[0]} pixels, as in the press"
             raise ScanError(self.name, what, remedy=remedy)
         self.pixels, self.sensors = pixels, sensors

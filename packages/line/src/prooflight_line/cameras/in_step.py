@@ -31,8 +31,10 @@ if TYPE_CHECKING:
 MOST_LAG: Final = 4096
 """Greatest lag of a camera before the others go on without it: 1.5 s of the prototype's, 16 MB a sensor of
 2048 pixels. [lines]"""
-SILENT: Final = "it has fallen silent while others go on"
-UNCOUNTED: Final = "it is back, but tells no count of triggers, so nobody knows its lines' places"
+SILENT: Final = "it sends no lines while the other cameras do"
+UNCOUNTED: Final = (
+    "it is connected again, but reports no count of triggers, so the places of its lines are unknown"
+)
 
 
 @dataclass(slots=True, eq=False)

@@ -73,7 +73,7 @@ class Watchdog:
             return ""
         if not query.answered:
             waited_s = self._clock() - query.requested_s
-            return f"does not answer, for {waited_s:.1f} s" if waited_s > ANSWER_S else ""
+            return f"has not answered for {waited_s:.1f} s" if waited_s > ANSWER_S else ""
         if query.error:
             return query.error
         if query.position is not None:
@@ -81,7 +81,7 @@ class Watchdog:
                 self._position_at_first = query.position
             steps = abs(query.position - self._position_at_first)
             if steps > self._most_steps:
-                return f"has sent no line for {silent_s:.1f} s, though its encoder has gone {steps} steps on"
+                return f"has sent no line for {silent_s:.1f} s, although its encoder has advanced by {steps} steps"
         if self._clock() - query.requested_s >= ASK_AGAIN_S:
             self._ask()
         return ""

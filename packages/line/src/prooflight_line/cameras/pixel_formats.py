@@ -117,7 +117,7 @@ def pixel_format(name: str, *, where: str) -> PixelFormat:
     if name not in PIXEL_FORMATS:
         choices = ", ".join(PIXEL_FORMATS)
         raise ScanError(
-            where, f"sends pixels as {shortly(name)}", remedy=f"set its PixelFormat to one of {choices}"
+            where, f"sends pixel format {shortly(name)}", remedy=f"set its PixelFormat to one of {choices}"
         )
     return PIXEL_FORMATS[name]
 
@@ -134,7 +134,7 @@ def unpacked(
     line_bits = form.block_bits(lines=1, pixels=pixels)
     if line_bits % 8 and padding:
         what = f"pads lines of {pixels} {form.name} pixels, which end within a byte"
-        raise ScanError(where, what, remedy="set a Width of which 8 is a divisor")
+        raise ScanError(where, what, remedy="set a Width that is a multiple of 8")
     needed = lines * (line_bits // 8 + padding) - padding if padding else -(-lines * line_bits // 8)
     if data.size < needed:
         what = f"sent {data.size} bytes where {lines} lines of {pixels} {form.name} pixels take {needed}"

@@ -132,10 +132,10 @@ class PylonCamera:
                 max(round(1e3 * timeout_s), 1), self._pylon.TimeoutHandling_Return
             )
         except self._error as error:
-            raise disconnected(self.info.id, f"is gone ({error})") from error
+            raise disconnected(self.info.id, f"is disconnected ({error})") from error
         if not result.IsValid():
             if self._camera.IsCameraDeviceRemoved():
-                raise disconnected(self.info.id, "is gone: it no longer answers")
+                raise disconnected(self.info.id, "is disconnected: it no longer answers")
             return None
         with contextlib.closing(_Released(result)):
             return self._grab(result)
@@ -202,7 +202,7 @@ class PylonCamera:
         try:
             node = self._nodes.GetNode(name)
         except self._error as error:
-            raise ScanError(self.info.id, f"does not answer ({error})", remedy="look at its cable") from error
+            raise ScanError(self.info.id, f"does not answer ({error})", remedy="check its cable") from error
         if node is None or not self._genicam.IsImplemented(node):
             return None
         return None if node.GetNode().GetPrincipalInterfaceType() == CATEGORY else node

@@ -36,7 +36,7 @@ ENCODERS: Final = (
     "Encoder",
 )
 """Entries of ``TriggerSource`` that are an encoder's."""
-FEATURES_REMEDY: Final = "look at `prooflight camera features`"
+FEATURES_REMEDY: Final = "see `prooflight camera features`"
 MOST_SHOWN: Final = 12
 
 
@@ -59,7 +59,9 @@ def refuse_unfit(one: Feature, value: str, *, where: str, camera: str) -> None:
     """Raise RequestError unless a feature accepts a value, by the camera's own description."""
     if not one.writable:
         raise RequestError(
-            where, f"{camera} does not let {one.name} be set now", remedy="leave it, or stop the camera"
+            where,
+            f"{camera} does not allow {one.name} to be set now",
+            remedy="leave it out, or stop the camera",
         )
     if one.kind == "enumeration" and value not in one.choices:
         what = f"{camera} has no {one.name} {value!r}"
@@ -69,11 +71,11 @@ def refuse_unfit(one: Feature, value: str, *, where: str, camera: str) -> None:
             number = float(value)
         except ValueError as error:
             raise RequestError(
-                where, f"{value!r} is no number for {one.name}", remedy=FEATURES_REMEDY
+                where, f"{value!r} is not a number, as {one.name} requires", remedy=FEATURES_REMEDY
             ) from error
         low, high = one.least, one.greatest
         if (low is not None and number < low) or (high is not None and number > high):
-            what = f"{camera} does not take {one.name} {number:g}"
+            what = f"{camera} does not accept {one.name} {number:g}"
             raise RequestError(where, what, remedy=f"give {low:g} to {high:g}")
 
 
@@ -88,7 +90,7 @@ def settable(camera: Camera, name: str, value: str) -> Feature:
 
 def not_taken(camera: Camera, name: str, value: str, error: Exception) -> RequestError:
     """Return the error for a value that the camera itself refused."""
-    return RequestError(name, f"{camera.info.id} does not take {value!r} ({error})", remedy=FEATURES_REMEDY)
+    return RequestError(name, f"{camera.info.id} does not accept {value!r} ({error})", remedy=FEATURES_REMEDY)
 
 
 def chunk(chunks: Mapping[str, int], key: str) -> int | None:
@@ -110,7 +112,7 @@ def value_of(camera: Camera, name: str) -> str:
     """Return the value of a feature that is necessary for reading lines; ScanError: the camera does not report it."""
     one = camera.feature(name)
     if one is None or not one.value:
-        raise ScanError(camera.info.id, f"does not say its {name}", remedy=FEATURES_REMEDY)
+        raise ScanError(camera.info.id, f"does not report its {name}", remedy=FEATURES_REMEDY)
     return one.value
 
 
@@ -122,7 +124,7 @@ def temperature_c(camera: Camera) -> float | None:
 
 def disconnected(camera: str, what: str) -> ScanError:
     """Return the error for a camera, by its ID, that sends nothing."""
-    return ScanError(camera, what, remedy="look at its cable, its power and `prooflight camera list`")
+    return ScanError(camera, what, remedy="check its cable, its power and `prooflight camera list`")
 
 
 def shown(names: tuple[str, ...]) -> str:
@@ -167,12 +169,14 @@ def _triggered(camera: Camera, settings: CameraSettings, where: str) -> list[tup
         return _checked(camera, [*selection, (mode, "Off", field_name)])
     if line is None:
         what = f"{camera.info.id} cannot start a line by a trigger: its {selector.name} has {shown(selector.choices)}"
-        raise RequestError(field_name, what, remedy='take a line camera, or trigger = "free"')
+        raise RequestError(field_name, what, remedy='use a line camera, or trigger = "free"')
     source = _named(camera, settings, "trigger_source", field_name)
     encoder = settings.trigger_source or next((name for name in ENCODERS if name in source.choices), None)
     if encoder is None:
-        what = f"{camera.info.id} has no encoder known by name: its {source.name} has {shown(source.choices)}"
-        raise RequestError(field_name, what, remedy="name it as camera.trigger_source")
+        what = (
+            f"{camera.info.id} has no encoder of a known name: its {source.name} has {shown(source.choices)}"
+        )
+        raise RequestError(field_name, what, remedy="state its name as camera.trigger_source")
     wanted = [
         (selector, line, field_name),
         (mode, "On", field_name),
@@ -225,7 +229,7 @@ def _lacks(camera: Camera, where: str, names: tuple[str, ...], *, nameable: bool
     )
     what = f"{camera.info.id} has no feature {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}"
     has = f"it has {shown(tuple(near))}" if near else FEATURES_REMEDY
-    own = f'; name its own under [camera.names."{camera.info.model}"]' if nameable else ""
+    own = f'; state its own name under [camera.names."{camera.info.model}"]' if nameable else ""
     return RequestError(where, what, remedy=f"{has}{own}")
 
 

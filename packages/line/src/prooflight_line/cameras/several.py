@@ -140,7 +140,7 @@ class SeveralCameras:
             if isinstance(what, Exception):
                 raise what
             if isinstance(what, str):
-                yield from step.away(number, "it gives no lines")
+                yield from step.away(number, "it sends no lines")
             elif place is not None:
                 yield from step.add(number, what, ahead=start.ahead(number, what, place), counted=place.exact)
             now = frozenset(step.silent)
@@ -158,9 +158,9 @@ class SeveralCameras:
                 raise RequestError(camera.name, what, remedy=remedy)
             if camera.sensors != len(own):
                 what = f"sends {camera.sensors} sensors, and offsets of {len(own)} are stated"
-                raise RequestError(camera.name, what, remedy="give one offset of each sensor")
+                raise RequestError(camera.name, what, remedy="give one offset for each sensor")
             if len(self._cameras) > 1 and camera.settings.trigger == "free":
-                what = "runs free, and so cannot be kept in step with another"
+                what = "runs free, and so cannot be synchronised with another camera"
                 raise RequestError(
                     camera.name, what, remedy='trigger all cameras by one encoder: trigger = "encoder"'
                 )
@@ -189,7 +189,7 @@ class _Start:
         first = self._first
         assert first is not None
         if (first.base is None) != (place.base is None):
-            what = "tells its count of line triggers, or another camera does not"
+            what = "does not report its count of line triggers, or another camera does not"
             raise ScanError(
                 self._cameras[number].name, what, remedy="set chunks = true for all cameras, or for none"
             )
@@ -207,8 +207,10 @@ class _Start:
             return
         first_s = before_s - (block.time_s - before_s)  # its second block took as long as its first, or less
         if first_s < started_s:
-            what = "sent lines before all cameras were started, and does not tell its count of line triggers"
-            remedy = "start while the press stands, or let them tell it: chunks = true"
+            what = (
+                "sent lines before all cameras were started, and does not report its count of line triggers"
+            )
+            remedy = "start while the press is stopped, or let the cameras report it: chunks = true"
             raise ScanError(self._cameras[number].name, what, remedy=remedy)
         if block.time_s > before_s:
             self._came_s[number] = math.inf

@@ -289,4 +289,4 @@ class CameraLines:
             try:
                 self._own = camera.health()
             except Exception as error:  # no error of a library may end a run
-                _log.debug("%s does not tell its health", self.name, exc_info=error)
+                _log.debug("%s does not report its health", self.name, exc_info=error)

@@ -151,7 +151,7 @@ class VivaCamera:
         """See ``Camera``."""
         begun_s = time.monotonic()
         if self._taken:  # lines may go on coming all the same
-            raise disconnected(self.info.id, "is gone, or another program has taken control")
+            raise disconnected(self.info.id, "is disconnected, or another program controls it")
         try:
             frame = self._stream.next_frame(max(round(1e3 * timeout_s), 1))
         except self._error:

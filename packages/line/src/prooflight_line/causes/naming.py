@@ -155,7 +155,7 @@ def _of_repeat(repeat: Repeat, parts: PartsBlock) -> Cause:
     kind: Kind = "page" if repeat.on_page else "roller"
     distance = f"{repeat.distance_mm:.2f} mm (+- {2 * repeat.sd_mm:.2f})" if repeat.distance_mm else ""
     if repeat.on_page:
-        also = f"; {' or '.join(rollers)} would do the same" if rollers else ""
+        also = f"; {' or '.join(rollers)} would repeat at the same distance" if rollers else ""
         y = float(np.median([mark.y_mm for mark in repeat.marks]))
         text = (
             f"{count(number, 'mark')} {x} and {y:.0f} mm from the top of each sheet: page data or plate{also}"
@@ -178,7 +178,7 @@ def _of_streak(streak: Streak, parts: PartsBlock) -> Cause:
     nozzles = nozzles_at(streak, parts.heads)
     place = f"streak {streak.x_mm:.2f} mm (+- {2 * streak.sd_mm:.2f}) from the left"
     named = " or ".join(f"{one.head}, nozzle {one.number} (+- {2 * one.sd:.1f})" for one in nozzles)
-    missing = "no head of the press file is there" if parts.heads else "the press file states no heads"
+    missing = "no head of the press file prints there" if parts.heads else "the press file states no heads"
     return Cause(
         kind="streak",
         names=tuple(one.head for one in nozzles),
@@ -217,7 +217,7 @@ def _of_kinds(records: Sequence[PageRecord]) -> list[Cause]:
     for kind, kinds in OF_KINDS.items():
         sheets = [one.sheet for one in records if one.verdict.kind in kinds]
         if sheets and len(sheets) >= max(PAPER_SHEETS, PAPER_SHARE * (sheets[-1] - sheets[0] + 1)):
-            text = f"{count(len(sheets), 'sheet')} judged off in {kind}; which ink drifted or stepped is not known"
+            text = f"{count(len(sheets), 'sheet')} with a deviation in {kind}; the ink is unknown"
             causes.append(
                 Cause(
                     kind=kind,

@@ -23,11 +23,11 @@ def prepare(
     ] = DISK_GB,
     cluster: ClusterAt = None,
 ) -> None:
-    """Prepare the pages of a job for a press, so that `watch` of both begins at once.
+    """Prepare the pages of a job for a press, so that `watch` of both starts at once.
 
-    What was prepared is found again by the content of job and press, and by this version of the program. The least
-    recently used jobs are removed where all take more than --disk. Pages that are stored already are left, so that a
-    command that was stopped goes on where it ended.
+    Prepared pages are identified by the content of job and press, and by this version of the program. The least
+    recently used jobs are removed where all take more than --disk. Pages that are stored already remain, so that a
+    command that was stopped continues where it ended.
     """
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.prepared_store import PreparedStore, clean
@@ -41,7 +41,7 @@ def prepare(
     source = job_source(job, loaded, profile=profile)
     store = PreparedStore.of(inspector, source)
     if store is None:
-        what = f"press {loaded.name} is not trained, or its own RIP draws, and nothing can be stored for it"
+        what = f"press {loaded.name} is not trained, or uses its own RIP, so nothing can be stored for it"
         raise RequestError(press, what, remedy="leave `job prepare` out: each run prepares the job")
     with source.open() as opened:
         lacking = [number for number in range(1, len(opened) + 1) if not store.holds(number)]

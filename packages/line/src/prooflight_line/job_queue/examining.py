@@ -158,7 +158,7 @@ def _of_files(job: Job, ticket: Ticket | None, inspector: Inspector | None) -> E
             for warning in condition_warnings(job, inspector.press.print_condition, wanted=paper)
         ]
     if facts is not None and sum(facts.record_pages) not in (0, len(job)):
-        notes.append(f"its records are of {sum(facts.record_pages)} pages, and the file has {len(job)}")
+        notes.append(f"its records have {sum(facts.record_pages)} pages, but the file has {len(job)}")
     return Examined(
         pages=len(job),
         warnings=sum(warning.page < 0 for warning in job.warnings) + len(notes),

@@ -109,16 +109,16 @@ def _ended(folder: HotFolder, entry: Entry, *, examine: Examine, needed: bool) -
         return None
     file, digest = entry.file, NOTHING
     if is_ticket(file.name):
-        return _rejected(folder, entry, _digest(file), "another ticket of its name came; send it again")
+        return _rejected(folder, entry, _digest(file), "another ticket of its name arrived; send it again")
     if needed and entry.ticket is None:  # it was waited for before the process was killed
-        return _rejected(folder, entry, _digest(file), "came without a ticket; send both again")
+        return _rejected(folder, entry, _digest(file), "arrived without a ticket; send both again")
     try:
         if file.is_file() and not file.is_symlink():
             digest = content_digest(file)
             ticket = None if entry.ticket is None else read_ticket(entry.ticket, folder=folder.path)
             examined = _same(folder, file, digest, ticket) or _examined(file, ticket, examine)
         else:
-            examined = Examined(pages=0, refused="is no ordinary file; send the file itself")
+            examined = Examined(pages=0, refused="is not a regular file; send the file itself")
     except InputError as error:
         examined = Examined(pages=0, refused=str(error))
     except PermissionError as error:

@@ -108,9 +108,9 @@ class HotFolder:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Make the folders of the stages; RequestError: it is no folder, or a file has the name of a stage."""
+        """Make the folders of the stages; RequestError: it is not a folder, or a file has the name of a stage."""
         if not path.is_dir():
-            raise RequestError(path, "is no folder", remedy="make it, on a disk of this machine")
+            raise RequestError(path, "is not a folder", remedy="create it, on a disk of this machine")
         for stage in (*STAGES, LOCKS):
             try:
                 (path / stage).mkdir(exist_ok=True)
@@ -138,7 +138,9 @@ class HotFolder:
         for entry in self.entries(*stages):
             if entry.key == key:
                 return entry
-        raise RequestError(self.path, f"has no job {key} that is {' or '.join(stages)}", remedy="look again")
+        raise RequestError(
+            self.path, f"has no job {key} that is {' or '.join(stages)}", remedy="list the jobs again"
+        )
 
     @contextmanager
     def filling(self) -> Iterator[None]:
@@ -235,14 +237,18 @@ class HotFolder:
         try:
             return self.reject(entry, "", reason)
         except FileNotFoundError:
-            raise RequestError(self.path, f"job {key} is not queued any more", remedy="look again") from None
+            raise RequestError(
+                self.path, f"job {key} is not queued any more", remedy="list the jobs again"
+            ) from None
 
     def _by_person(self, key: str, stage: Stage, to: Stage, *, rank: int | None = None) -> Entry:
         entry = self.entry(key, stage)
         try:
             return self._moved(entry if rank is None else replace(entry, rank=rank), to)
         except FileNotFoundError:
-            raise RequestError(self.path, f"job {key} is not {stage} any more", remedy="look again") from None
+            raise RequestError(
+                self.path, f"job {key} is not {stage} any more", remedy="list the jobs again"
+            ) from None
 
     # --- of the process that prints ---
 
@@ -273,7 +279,7 @@ class HotFolder:
                 lock.release()
             return
         if key is not None:
-            raise RequestError(self.path, f"job {key} is not queued any more", remedy="look again")
+            raise RequestError(self.path, f"job {key} is not queued any more", remedy="list the jobs again")
         what = "has no job that is queued"
         raise RequestError(self.path, what, remedy="put a job into it while `prooflight queue fill` runs")
 

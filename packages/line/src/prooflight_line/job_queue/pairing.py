@@ -65,7 +65,7 @@ class Pairing:
             if not self.needed:
                 ready.append(Delivery(names=(name,)))
             elif self._waited(name):
-                refused = f"came without a ticket within {self.wait_s:g} s; send both again"
+                refused = f"arrived without a ticket within {self.wait_s:g} s; send both again"
                 ready.append(Delivery(names=(name,), refused=refused))
         place = {name: number for number, name in enumerate(whole)}
         yield from sorted(ready, key=lambda delivery: max(place[name] for name in delivery.names))
@@ -93,7 +93,7 @@ class Pairing:
             return Delivery(names=(name,), queued=late)
         if not self._waited(name):
             return None
-        what = f"its file {file} did not come" if file else "no file of its name came"
+        what = f"its file {file} did not arrive" if file else "no file of its name arrived"
         return Delivery(names=(name,), refused=wrong or f"{what} within {self.wait_s:g} s; send both again")
 
     def _queued(self, its: Callable[[str], bool]) -> Entry | None:

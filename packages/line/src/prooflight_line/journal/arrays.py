@@ -48,10 +48,10 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
     """Raise ValueError if these arrays cannot be stored as the evidence of one page."""
     for name, array in arrays.items():
         if not _NAME.fullmatch(name):
-            raise ValueError(f"{name!r} is no name of an array")
+            raise ValueError(f"{name!r} is not a name of an array")
         dtype = np.asarray(array).dtype
         if dtype.kind not in KINDS or dtype.itemsize > 8:
-            raise ValueError(f"{name} holds {dtype}, not numbers")
+            raise ValueError(f"{name} contains {dtype}, not numbers")
         if np.ndim(array) > 8:
             raise ValueError(f"{name} has {np.ndim(array)} axes")
     if (size := sum(np.asarray(array).nbytes for array in arrays.values())) > MOST_PAGE_BYTES:
@@ -74,7 +74,7 @@ def read_arrays(file: IO[bytes], sheet: int) -> dict[str, NDArray[Any]]:
         for member in members:
             name = member.filename.removeprefix(begin).removesuffix(".npy")
             if not _NAME.fullmatch(name) or name in arrays:
-                raise ValueError(f"{member.filename[:80]!r} is no name of an array, or stands there twice")
+                raise ValueError(f"{member.filename[:80]!r} is not a name of an array, or appears twice")
             arrays[name] = _read_array(archive, member, most_bytes=left)
             left -= arrays[name].nbytes
     return arrays
@@ -97,21 +97,21 @@ def _check_end(file: IO[bytes]) -> None:
     file.seek(max(size - _END.size, 0))
     magic, _, _, _, members, list_bytes, begin, _ = _END.unpack(file.read(_END.size))
     if magic != b"PK\x05\x06" or begin + list_bytes + _END.size != size:
-        raise ValueError("it has no end")
+        raise ValueError("its end is missing")
     if members > MOST_MEMBERS or list_bytes > MOST_LIST_BYTES:
         raise ValueError(f"it lists {members:,} arrays in {list_bytes:,} bytes")
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, *, most_bytes: int) -> NDArray[Any]:
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
-        raise ValueError(f"{member.filename} is packed in another way")
+        raise ValueError(f"{member.filename} is compressed in another way")
     with archive.open(member) as stream:
         if stream.read(len(_MAGIC)) != _MAGIC:
-            raise ValueError(f"{member.filename} is no array")
+            raise ValueError(f"{member.filename} is not an array")
         (length,) = struct.unpack("<H", stream.read(2))
         header = _HEADER.fullmatch(stream.read(length).decode("latin-1"))
         if header is None:
-            raise ValueError(f"{member.filename} is no array of numbers")
+            raise ValueError(f"{member.filename} is not an array of numbers")
         dtype = np.dtype(header[1])
         shape = tuple(int(part) for part in header[3].replace(",", " ").split())
         count = math.prod(shape)
@@ -119,7 +119,7 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, *, most_bytes
             raise ValueError(f"{member.filename} would take {size:,} bytes")
         content = stream.read(size)
         if len(content) != size or stream.read(1):  # the last read compares the check sum
-            raise ValueError(f"{member.filename} is not as long as it says")
+            raise ValueError(f"{member.filename} does not have the length that it states")
     return (
         np.frombuffer(content, dtype)
         .reshape(shape, order="F" if header[2] == "True" else "C")

@@ -46,14 +46,14 @@ class Refusals:
         batch.dropped_pages[run_id] += 1
         self.pages += 1
         reason, file = complaint(error), aside_file(self.database)
-        outcome = f"such pages are kept in {file.name}"
+        outcome = f"such pages are stored in {file.name}"
         try:
             _append(file, run_id, page, reason)
         except OSError as trouble:
-            outcome = f"{file.name} cannot hold it either ({why(trouble)})"
+            outcome = f"{file.name} cannot store it either ({why(trouble)})"
             _log.warning("run %d, sheet %s: %s; %s", run_id, page.sheet, reason, outcome)
         if self.pages == 1:
-            what = f"no row can hold sheet {page.sheet} of run {run_id} ({reason})"
+            what = f"sheet {page.sheet} of run {run_id} cannot be stored as a row ({reason})"
             self.announce(f"{self.database}: {what}; {outcome}")
 
     def without_evidence(self, batch: Batch, run_id: int, page: PageRecord, error: Exception) -> PageRecord:
@@ -63,7 +63,7 @@ class Refusals:
         batch.dropped_evidence[run_id] += 1
         self.evidence += 1
         if self.evidence == 1:
-            what = f"no file can hold the evidence of sheet {page.sheet} of run {run_id} ({complaint(error)})"
+            what = f"the evidence of sheet {page.sheet} of run {run_id} cannot be stored ({complaint(error)})"
             self.announce(f"{self.database}: {what}; its verdict is recorded")
         return without
 

@@ -153,7 +153,7 @@ def restore(
     Raises
     ------
     RequestError
-        It is no backup, a file of it is damaged or missing, or another file is where one would go: then nothing was
+        It is not a backup, a file of it is damaged or missing, or another file is where one would go: then nothing was
         written.
     """
     files = sorted(_manifest(folder), key=lambda file: file.path == JOURNAL)
@@ -161,7 +161,7 @@ def restore(
     for file in shown(files):
         source = folder / file.path
         if not source.is_file() or source.stat().st_size != file.bytes or _digest(source) != file.sha256:
-            what = "is damaged or missing: it is not what the backup's manifest says"
+            what = "is damaged or missing: it differs from the backup's manifest"
             raise RequestError(source, what, remedy="restore another backup")
         target = _target(file.path, journal=journal, presses=presses)
         if not _absent_or_same(target, file):
@@ -232,12 +232,12 @@ def _manifest(folder: Path) -> list[Copied]:
     """Return the files of a backup; RequestError: it is none."""
     path = folder / MANIFEST
     if not path.is_file():
-        raise RequestError(folder, "is no backup", remedy="give a folder that `prooflight backup` made")
+        raise RequestError(folder, "is not a backup", remedy="give a folder that `prooflight backup` made")
     try:
         read: Any = json.loads(_FILES.read_text(path))
         if read["format"] != FORMAT:
             what = f"has format {read['format']!r:.20}, this version reads format {FORMAT}"
-            raise RequestError(path, what, remedy="restore it with the version that made it")
+            raise RequestError(path, what, remedy="restore it with the version that wrote it")
         files = [
             Copied(path=str(one["path"]), bytes=int(one["bytes"]), sha256=str(one["sha256"]))
             for one in read["files"]
@@ -249,7 +249,9 @@ def _manifest(folder: Path) -> list[Copied]:
     for file in files:
         if not _PATH.fullmatch(file.path) or ".." in file.path.split("/"):
             raise RequestError(
-                path, f"names {file.path!r}, which no backup holds", remedy="restore another backup"
+                path,
+                f"names {file.path!r}, which does not belong in a backup",
+                remedy="restore another backup",
             )
     if JOURNAL not in {file.path for file in files}:
         raise RequestError(path, "names no journal", remedy="restore another backup")

@@ -105,7 +105,7 @@ class PackColumns(Columns):
     def _named_after_its_run(self) -> PackColumns:
         name = PACK_NAME.fullmatch(self.file)
         if name is None or int(name[1]) != self.run_id:
-            raise ValueError(f"file: {self.file!r} is no name of a pack of run {self.run_id}")
+            raise ValueError(f"file: {self.file!r} is not the name of a pack of run {self.run_id}")
         return self
 
 
@@ -153,15 +153,15 @@ class PageColumns(Columns):
     def _is_consistent(self) -> PageColumns:
         for name in QUERY_COLUMNS:
             if not _same(getattr(self, name), getattr(self.whole_verdict, name)):
-                raise ValueError(f"{name}: is not what whole_verdict says")
+                raise ValueError(f"{name}: differs from whole_verdict")
         if self.disposition not in DISPOSITIONS[self.decided_by]:
-            raise ValueError(f"disposition: {self.disposition!r} is none")
+            raise ValueError(f"disposition: {self.disposition!r} is not one")
         ruled = without_gate(self.whole_verdict, self.faults)
         if self.decided_by in ("default", "costs") and (self.disposition, self.decided_by) != ruled:
-            raise ValueError("disposition: is not what whole_verdict comes to")
+            raise ValueError("disposition: differs from that of whole_verdict")
         for name, of in (("faulty", "faults"), ("noted", "notes")):
             if getattr(self, name) != bool(getattr(self, of)):
-                raise ValueError(f"{name}: is not what {of} says")
+                raise ValueError(f"{name}: does not agree with {of}")
         if odd := _odd(self.whole_verdict):
             raise ValueError(f"whole_verdict: {odd}")
         return self
@@ -198,7 +198,7 @@ def _odd(verdict: Verdict) -> str:
     for index, region in enumerate(verdict.regions):
         place = (region.x_mm, region.y_mm, region.width_mm, region.height_mm)
         if not all(map(math.isfinite, place)) or min(place[2:]) < 0:
-            return f"regions.{index}: lies nowhere"
+            return f"regions.{index}: has no valid place"
     if verdict.shift_mm is not None and not all(map(math.isfinite, verdict.shift_mm)):
         return "shift_mm: is not finite"
     for name in ("probability", "p_value"):

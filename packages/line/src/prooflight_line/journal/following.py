@@ -182,7 +182,7 @@ class JournalFollower(JournalReader):
     def heads(self) -> Heads:
         """Return the state of the journal."""
         run = select(stored_runs.c.id, stored_runs.c.ended_s).order_by(stored_runs.c.id.desc()).limit(1)
-        with self._reading("how far it has come"), self._engine.begin() as connection:
+        with self._reading("its position"), self._engine.begin() as connection:
             row = connection.execute(select(func.max(_row())).select_from(stored_pages)).scalar()
             last = connection.execute(run).first()
         return Heads(
@@ -415,6 +415,6 @@ def follow(path: Path, *, version: str) -> JournalFollower | None:
         return None
     except OSError as error:
         raise JournalError(
-            path, f"cannot be looked at ({error.strerror})", remedy="give another --journal"
+            path, f"cannot be examined ({error.strerror})", remedy="give another --journal"
         ) from error
     return JournalFollower(path, open_database(path, read_only=True, version=version))

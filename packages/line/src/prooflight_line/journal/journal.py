@@ -108,9 +108,7 @@ class Journal(JournalReader):
         try:
             self.commit()
             if lost := self.health.unrecorded:
-                self._announce(
-                    f"{self.path}: {lost} of the pages that were told are not recorded{self._aside()}"
-                )
+                self._announce(f"{self.path}: {lost} of the reported pages are not recorded{self._aside()}")
         finally:
             self._engine.dispose()
             self._lock.release()
@@ -221,7 +219,7 @@ class Journal(JournalReader):
             _log.error("the journal", exc_info=error)
         if before is None:
             problem = f"the journal cannot write ({self._trouble})"
-            self._announce(f"{self.path}: {problem}; inspection goes on, pages wait")
+            self._announce(f"{self.path}: {problem}; inspection continues, pages wait")
 
     def _can_write(self) -> None:
         if self._trouble is not None:

@@ -54,7 +54,7 @@ NO_LABEL: Final = frozenset({UNDONE, HOLD, LIFTED})
 OF_GOOD: Final = frozenset({GOOD, FALSE_ALARM, VOUCHED})
 MOST_NOTE: Final = 1000
 MOST_NAME: Final = 60
-ANOTHER: Final = "move it away, and say again what it held"
+ANOTHER: Final = "move it away, and enter its labels again"
 _TABLES: Final = (
     "CREATE TABLE store (kind TEXT NOT NULL, schema INTEGER NOT NULL)",
     "CREATE TABLE words (id INTEGER PRIMARY KEY, run TEXT NOT NULL, sheet INTEGER, incident TEXT, word TEXT NOT NULL,"
@@ -138,7 +138,7 @@ class LabelStore:
         at_s: Unix time. [s] upto: for an incident, the last of its sheets that the person saw; None: all of them.
         """
         if label not in LABELS:
-            raise RequestError("word", f"there is no {label[:40]!r}", remedy=f"say {', '.join(LABELS)}")
+            raise RequestError("word", f"there is no label {label[:40]!r}", remedy=f"use {', '.join(LABELS)}")
         label = FALSE_ALARM if label == GOOD and incident is not None else label
         fields = {"run": run, "sheet": sheet, "incident": incident, "word": label, "note": note, "upto": upto}
         return self._add(fields, by=by, at_s=at_s)
@@ -151,7 +151,7 @@ class LabelStore:
         at_s: Unix time. [s] upto: by incident, the last of its sheets that the person saw.
         """
         if label not in LABELS:
-            raise RequestError("word", f"there is no {label[:40]!r}", remedy=f"say {', '.join(LABELS)}")
+            raise RequestError("word", f"there is no label {label[:40]!r}", remedy=f"use {', '.join(LABELS)}")
         rows = [
             {"run": run, "incident": str(number), "word": label, "upto": last}
             for number, last in upto.items()
@@ -166,7 +166,7 @@ class LabelStore:
         sheets: numbers of sheets by label, and by the key of their run; at_s: Unix time. [s]
         """
         for label in sheets.keys() - set(LABELS):
-            raise RequestError("word", f"there is no {label[:40]!r}", remedy=f"say {', '.join(LABELS)}")
+            raise RequestError("word", f"there is no label {label[:40]!r}", remedy=f"use {', '.join(LABELS)}")
         rows = [
             {"run": run, "sheet": sheet, "word": label, "note": note}
             for label, runs in sheets.items()
@@ -189,7 +189,9 @@ class LabelStore:
         ]
         if not rows or any(one.by != by for one in given):
             raise RequestError(
-                "word", f"none of yours stands from {first} to {last}", remedy="see what was said of the run"
+                "word",
+                f"none of yours from {first} to {last} is in force",
+                remedy="see the labels of the run",
             )
         return self._add_all(rows, by=by, at_s=at_s)
 
@@ -199,7 +201,7 @@ class LabelStore:
         at_s: Unix time. [s]
         """
         if not reason.strip():
-            remedy = "say in a few words how you know that the sheet is good"
+            remedy = "state in a few words how you know that the sheet is good"
             raise RequestError("reason", f"none is given for sheet {sheet}", remedy=remedy)
         fields = {"run": run, "sheet": sheet, "word": VOUCHED, "note": " ".join(reason.split())}
         return self._add(fields, by=by, at_s=at_s)
@@ -210,7 +212,7 @@ class LabelStore:
         at_s: Unix time. [s]
         """
         if not reason.strip():
-            raise RequestError("reason", "none is given", remedy="say in a few words why")
+            raise RequestError("reason", "none is given", remedy="state the reason in a few words")
         if (run in self.on_hold()) != lift:
             what = "is not on hold" if lift else "is on hold already"
             raise RequestError(f"run {run.partition('@')[0]}", what, remedy="see `prooflight run show`")
@@ -229,8 +231,8 @@ class LabelStore:
         """
         in_force = {one.id: one for one in standing(self.of_run(run))}
         if number not in in_force:
-            remedy = "see what was said of the run"
-            raise RequestError("word", f"no word {number} of the run stands", remedy=remedy)
+            remedy = "see the labels of the run"
+            raise RequestError("word", f"no label {number} of the run is in force", remedy=remedy)
         one = in_force[number]
         fields = {"run": run, "sheet": one.sheet, "incident": one.incident, "word": UNDONE, "undoes": number}
         return self._add(fields, by=by, at_s=at_s)
@@ -243,7 +245,7 @@ class LabelStore:
         name = unicodedata.normalize("NFC", " ".join(by.split()))
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
             remedy = f"give 1 to {MOST_NAME} letters that can be printed"
-            raise RequestError("name", f"{name[:MOST_NAME]!r} is none", remedy=remedy)
+            raise RequestError("name", f"{name[:MOST_NAME]!r} is not a name", remedy=remedy)
         empty: dict[str, Any] = {"sheet": None, "incident": None, "note": "", "upto": None, "undoes": None}
         added: list[Label] = []
         with closing(self._opened(create=True)) as connection, connection:
@@ -309,7 +311,7 @@ class LabelStore:
         except BaseException as error:
             connection.close()
             if isinstance(error, sqlite3.Error):
-                raise self._refusal(f"is no file of words ({why(error)})") from error
+                raise self._refusal(f"is not a file of labels ({why(error)})") from error
             raise
         return connection
 
@@ -324,7 +326,7 @@ class LabelStore:
             connection.execute("COMMIT")
         store = connection.execute("SELECT kind, schema FROM store").fetchone()
         if store is None or store[0] != _KIND:
-            raise self._refusal("is a database, but holds no words")
+            raise self._refusal("is a database, but contains no labels")
         if store[1] not in (1, SCHEMA):
             raise self._refusal(f"has schema {store[1]}, this version reads schema {SCHEMA}")
         if create and store[1] == 1:

@@ -58,7 +58,7 @@ def journal_path(url: str) -> Path:
     except (ArgumentError, ValueError) as error:
         raise JournalError(shown, "is not a database URL", remedy=remedy) from error
     if parsed.get_backend_name() != "sqlite":
-        what = f"is a database of {parsed.get_backend_name()}; evidence lies beside the database's file"
+        what = f"is a database of {parsed.get_backend_name()}; evidence is stored next to the database's file"
         raise JournalError(shown, what, remedy=remedy)
     if parsed.host or parsed.username or parsed.query or parsed.database in (None, "", ":memory:"):
         raise JournalError(shown, "names no file", remedy=remedy)
@@ -76,7 +76,7 @@ def examine(path: Path, *, read_only: bool) -> bool:
     status = _status(path)
     log = _side_file(path, "-wal")
     if (status is None or not status.st_size) and _size(log):  # SQLite would remove the log
-        what = f"is gone, but its log {log.name} is there with what was written last"
+        what = f"is missing, but its log {log.name} is there with the last changes"
         raise JournalError(path, what, remedy="put the journal back, or move its log away")
     if status is None and not read_only:
         return False
@@ -97,7 +97,7 @@ def examine(path: Path, *, read_only: bool) -> bool:
         with _as_journal_error(path):
             raise trouble
     if empty and read_only:
-        raise JournalError(path, "holds no journal", remedy=missing)
+        raise JournalError(path, "contains no journal", remedy=missing)
     return not empty
 
 
@@ -118,7 +118,7 @@ def open_database(path: Path, *, read_only: bool, version: str) -> Engine:
         except BaseException as error:
             engine.dispose()
             if mode == "mode=ro" and isinstance(error, UNREADABLE):
-                what = f"its log {path.name}-wal cannot be read where nothing can be written ({why(error)})"
+                what = f"its log {path.name}-wal cannot be read in a folder without write permission ({why(error)})"
                 raise JournalError(path, what, remedy="copy both to a folder that can be written") from error
             raise
     return engine
@@ -131,10 +131,10 @@ def check(connection: Any, path: Path) -> bool:
         return True
     of_type = {name: (kind, str(sql).upper()) for kind, name, sql in objects if kind != "index"}
     if journal_table.name not in of_type:
-        raise JournalError(path, "is a database, but no journal", remedy=ANOTHER)
+        raise JournalError(path, "is a database, but not a journal", remedy=ANOTHER)
     versions = connection.execute("SELECT schema FROM journal LIMIT 2").fetchall()
     if len(versions) != 1 or not isinstance(versions[0][0], int):
-        raise JournalError(path, "does not say of which schema it is", remedy=ANOTHER)
+        raise JournalError(path, "does not state its schema", remedy=ANOTHER)
     if versions[0][0] not in (PREVIOUS, SCHEMA):
         what = f"has schema {versions[0][0]}, this version reads schema {SCHEMA}"
         raise JournalError(path, what, remedy=f"export it with the version that wrote it, and {ANOTHER}")
@@ -144,12 +144,10 @@ def check(connection: Any, path: Path) -> bool:
         if versions[0][0] == PREVIOUS and "action" in columns:
             columns |= {"disposition", "decided_by"}
         if kind != "table" or "VIRTUAL" in sql or not columns.issuperset(table.columns.keys()):
-            what = f"is damaged (its table {table.name} is not what a journal's is)"
+            what = f"is damaged (its table {table.name} is not that of a journal)"
             raise JournalError(path, what, remedy=ANOTHER)
     if others := [name for name, (kind, _) in of_type.items() if kind != "table"]:
-        raise JournalError(
-            path, f"holds {others[0]!r}, which acts by itself, as no journal does", remedy=ANOTHER
-        )
+        raise JournalError(path, f"contains {others[0]!r}, which is not part of a journal", remedy=ANOTHER)
     return False
 
 
@@ -177,11 +175,11 @@ def _status(path: Path) -> os.stat_result | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        raise JournalError(path, f"cannot be looked at ({why(error)})", remedy=ANOTHER) from error
+        raise JournalError(path, f"cannot be examined ({why(error)})", remedy=ANOTHER) from error
     if stat.S_ISLNK(status.st_mode):  # two names would be two locks, and evidence at two places
         raise JournalError(path, "is a link", remedy="give the file that it points to")
     if not stat.S_ISREG(status.st_mode):
-        what = "is a folder" if stat.S_ISDIR(status.st_mode) else "is no file"
+        what = "is a folder" if stat.S_ISDIR(status.st_mode) else "is not a file"
         raise JournalError(path, what, remedy="give a file, as in sqlite:///FILE")
     return status
 

@@ -44,7 +44,7 @@ def pack_name(run_id: int, first_sheet: int) -> str:
 def inside(folder: Path, file: object) -> Path:
     """Return the path of a pack in a journal's folder; JournalError: invalid name, or a link on the path."""
     if not isinstance(file, str) or not PACK_NAME.fullmatch(file):
-        what = f"{str(file)!r} is no name of a file of evidence"
+        what = f"{str(file)!r} is not the name of a file of evidence"
         raise JournalError(folder, what, remedy="nothing of that name is read or removed")
     path = folder / file
     for part, wanted in ((folder, stat.S_ISDIR), (path.parent, stat.S_ISDIR), (path, stat.S_ISREG)):
@@ -59,11 +59,11 @@ def refuse_other(path: Path, wanted: Any) -> None:
     except FileNotFoundError:
         return
     except NotADirectoryError as error:
-        raise JournalError(path, "lies in a file", remedy="put its folder back") from error
+        raise JournalError(path, "is inside a file, not a folder", remedy="restore its folder") from error
     if not wanted(mode):
-        what = "is a link" if stat.S_ISLNK(mode) else "is not what a journal puts there"
+        what = "is a link" if stat.S_ISLNK(mode) else "is not what a journal stores there"
         raise JournalError(
-            path, what, remedy="evidence lies in plain files and folders; put what was there back"
+            path, what, remedy="evidence is stored in plain files and folders; restore the original one"
         )
 
 
@@ -103,7 +103,7 @@ def read_pack(path: Path, sheet: int) -> dict[str, NDArray[Any]]:
     handle = os.open(path, os.O_RDONLY | PLAIN)
     with os.fdopen(handle, "rb") as file:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise ValueError("it is no file")
+            raise ValueError("it is not a file")
         return read_arrays(file, sheet)
 
 
@@ -149,7 +149,7 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     handle = os.open(path, os.O_RDONLY | PLAIN)
     with os.fdopen(handle, "rb") as file:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise ValueError("it is no file")
+            raise ValueError("it is not a file")
         with checked_archive(file) as archive:
             yield archive
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     Damaged = Callable[[JournalError], None]
 
 MOST_ID: Final = 2**63 - 1
-_WHOLE: Final = "the page's row is whole: `prooflight run show`"
+_WHOLE: Final = "the page's row is complete: `prooflight run show`"
 
 
 def refuse(error: JournalError) -> None:
@@ -62,7 +62,7 @@ class JournalReader:
         runs = self._runs(run_id, refuse) if 0 < run_id <= MOST_ID else []
         if not runs:
             last = self._last_run_id()
-            remedy = "it holds no runs yet" if last is None else f"the last is run {last}"
+            remedy = "it contains no runs yet" if last is None else f"the last is run {last}"
             raise JournalError(self.path, f"there is no run {run_id}", remedy=remedy)
         return runs[0]
 

@@ -111,7 +111,7 @@ class RunControl:
             self._file(STARTER).path,
             error=RequestError,
             wait="end the other `prooflight watch --on-start` of this journal",
-            elsewhere="let this user write beside the journal",
+            elsewhere="let this user write next to the journal",
         )
         try:
             self._file(START).remove()

@@ -27,11 +27,11 @@ class SideFile:
         return cls(path=journal.with_name(journal.name + suffix), most_bytes=most_bytes)
 
     def read(self) -> dict[str, Any]:
-        """Return what is written. OSError; ValueError: it is no JSON object."""
+        """Return what is written. OSError; ValueError: it is not a JSON object."""
         with self.path.open("rb") as file:
             facts = json.loads(file.read(self.most_bytes))
         if not isinstance(facts, dict):
-            message = f"{self.path}: no JSON object"
+            message = f"{self.path}: not a JSON object"
             raise ValueError(message)  # noqa: TRY004  # it is the file that is wrong, as where it is no JSON
         return facts
 

@@ -43,14 +43,16 @@ class Unclaimed:
         messages = []
         if self.moved:
             size = f"{_files(self.moved)} ({self.moved_bytes / 1e6:.1f} MB) that no page of the journal names"
-            messages.append(f"{self.evidence}: {size} went to {self.aside}; remove them if nobody needs them")
+            messages.append(
+                f"{self.evidence}: {size} were moved to {self.aside}; remove them if they are not needed"
+            )
         if self.taken_back:
             messages.append(
-                f"{self.aside}: {_files(self.taken_back)} that the journal names again were taken back"
+                f"{self.aside}: {_files(self.taken_back)} that the journal names again were moved back"
             )
         if self.left:
             messages.append(
-                f"{self.evidence}: {_files(self.left)} that are no evidence, or could not be moved, stay there"
+                f"{self.evidence}: {_files(self.left)} that are not evidence, or could not be moved, remain there"
             )
         return messages
 

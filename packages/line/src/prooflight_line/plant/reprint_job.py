@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from prooflight_line.journal.records import RunRow
     from prooflight_line.plant.reprinting import Reprint, ReprintList
 
-REMEDY: Final = "give the .json that `prooflight run reprint-job` wrote beside its PDF"
+REMEDY: Final = "give the .json that `prooflight run reprint-job` wrote next to its PDF"
 LISTS: Final = GivenFiles(error=RequestError, remedy=REMEDY, largest_mb=200)
 
 
@@ -80,7 +80,7 @@ class ReprintJob:
         except OSError as error:
             raise RequestError(path, "cannot be read", remedy=REMEDY) from error
         except (ValueError, TypeError, KeyError, RecursionError):
-            raise RequestError(path, "is no reprint job", remedy=REMEDY) from None
+            raise RequestError(path, "is not a reprint job", remedy=REMEDY) from None
 
 
 def reprint_sheets(listed: ReprintList) -> tuple[ReprintSheet, ...]:

@@ -357,7 +357,7 @@ def _why_not(one: Accounted) -> str:
         return CONTESTED
     if one.account == "not-at-gate" and one.decision == "accept":
         return UNCONFIRMED
-    return f"{one.why or 'nobody judged it'}; {TAKE_OUT}" if one.tray == "good" else one.why
+    return f"{one.why or 'there is no verdict'}; {TAKE_OUT}" if one.tray == "good" else one.why
 
 
 # --- as a list ---

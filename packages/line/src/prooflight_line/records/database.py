@@ -93,7 +93,7 @@ def refused(url: str, what: str) -> Iterator[None]:
     try:
         yield
     except psycopg.Error as error:
-        remedy = "see the server's log, or ask who administers it"
+        remedy = "see the server's log, or ask its administrator"
         raise RecordsError(shown(url), f"{what}: {first_line(error)}", remedy=remedy) from error
 
 
@@ -117,9 +117,7 @@ def upgrade(url: str) -> tuple[str | None, str]:
             after = MigrationContext.configure(connection).get_current_revision()
     except (SQLAlchemyError, CommandError) as error:
         what = f"cannot be upgraded ({first_line(error)})"
-        raise RecordsError(
-            shown(url), what, remedy="upgrade Prooflight, or ask who administers it"
-        ) from error
+        raise RecordsError(shown(url), what, remedy="upgrade Prooflight, or ask its administrator") from error
     finally:
         engine.dispose()
     return before, str(after)
@@ -129,7 +127,11 @@ def allow(url: str, role: str, plant: str) -> None:
     """Let a role of the server read the records of one plant. RecordsError: there is no such role, or no right to."""
     from psycopg import sql
 
-    with connect(url) as connection, refused(url, f"{role} could not be let in"), connection.transaction():
+    with (
+        connect(url) as connection,
+        refused(url, f"{role} could not be given access"),
+        connection.transaction(),
+    ):
         names = sql.SQL(", ").join(map(sql.Identifier, ("presses", "runs", "sheets", "labels", "members")))
         connection.execute(sql.SQL("GRANT SELECT ON {} TO {}").format(names, sql.Identifier(role)))
         connection.execute(sql.SQL("GRANT SELECT ON alembic_version TO {}").format(sql.Identifier(role)))
@@ -142,7 +144,7 @@ def _check_encoding(connection: psycopg.Connection[Any], url: str) -> None:
     """Refuse a database of another encoding, as of a server that was set up without a locale: it returns bytes."""
     encoding = connection.info.parameter_status("server_encoding")
     if encoding != "UTF8":
-        remedy = "make one by `createdb --encoding UTF8 --template template0 NAME`"
+        remedy = "create one by `createdb --encoding UTF8 --template template0 NAME`"
         raise RecordsError(shown(url), f"is a database of encoding {encoding}, not UTF8", remedy=remedy)
 
 
@@ -156,7 +158,7 @@ def _check_schema(connection: psycopg.Connection[Any], url: str) -> None:
     except psycopg.Error as error:
         raise RecordsError(shown(url), f"cannot be read ({first_line(error)})", remedy=UPGRADE) from error
     if row is None:
-        raise RecordsError(shown(url), "holds no records of Prooflight", remedy=UPGRADE)
+        raise RecordsError(shown(url), "contains no records of Prooflight", remedy=UPGRADE)
     if row[0] != SCHEMA:
         what = f"has schema {row[0]}, this version reads schema {SCHEMA}"
         remedy = UPGRADE if row[0] < SCHEMA else "upgrade Prooflight on this machine"

@@ -36,7 +36,7 @@ class ObjectStore:
                 return cls(url=url, store=obstore.store.from_url(url, mkdir=True))
             return cls(url=url, store=obstore.store.from_url(url))
         except (BaseError, ValueError) as error:
-            what = f"is no store of objects ({str(error).splitlines()[0]})"
+            what = f"is not a store of objects ({str(error).splitlines()[0]})"
             raise RecordsError(url, what, remedy="give file:///FOLDER or s3://BUCKET/PREFIX") from error
 
     def put(self, file: Path) -> str | None:

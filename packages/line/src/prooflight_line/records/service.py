@@ -128,5 +128,7 @@ class ShippingService:
     def _down(self, error: Exception) -> None:
         self.close()
         if self._trouble is None:
-            self.announce(f"{error}; the journal keeps all, and is shipped when the link is up again")
+            self.announce(
+                f"{error}; the journal stores all rows; they are shipped when the connection works again"
+            )
         self._trouble = str(error)

@@ -357,7 +357,7 @@ def _take_press(connection: psycopg.Connection[Any], url: str, press: str) -> No
     query = "SELECT pg_try_advisory_lock(hashtext('prooflight press'), hashtext(%s))"
     taken = connection.execute(query, (press,)).fetchone()
     if taken is None or not taken[0]:
-        remedy = "end that one, or give this press its own name with --press"
+        remedy = "end that process, or give this press its own name with --press"
         raise UnreachableError(shown(url), f"another process ships press {press!r}", remedy=remedy)
 
 

@@ -100,7 +100,7 @@ def _light_rows(view: SensorView) -> list[tuple[str, str, bool]]:
 
 def _focus_rows(focus: Focus | None, wanted: float | None) -> list[tuple[str, str, bool]]:
     if focus is None:
-        return [("focus", "no edges to tell it from: lay a ruler page under the camera", True)]
+        return [("focus", "no edges to measure it from: place a ruler page under the camera", True)]
     across = focus.across
     good = wanted is None or across.value >= 0.75 * wanted
     rows = [

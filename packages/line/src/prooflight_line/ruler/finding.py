@@ -125,17 +125,19 @@ def find_ruler(light: NDArray[np.float32], *, where: str) -> DetectedRuler:
         ]
     )
     if ruler is None:
-        what = f"sees {len(numbers)} markers that are of no ruler page"
+        what = f"sees {len(numbers)} markers that do not belong to a ruler page"
         raise ScanError(where, what, remedy=PRINT_IT)
     turn = ruler.skew_deg
     if abs(turn) > 135:
         what = "sees the ruler page upside down"
         raise ScanError(
-            where, what, remedy="let the edge pass first that says so, or set ReverseX and turn it"
+            where,
+            what,
+            remedy="let the edge that is marked for it pass first, or set ReverseX and turn the page",
         )
     if abs(turn) > 45:
         what = "sees the ruler page sideways"
-        raise ScanError(where, what, remedy="let the edge pass first that says so")
+        raise ScanError(where, what, remedy="let the edge that is marked for it pass first")
     return ruler
 
 

@@ -58,7 +58,7 @@ def read_ruler(lines: NDArray[np.uint16], *, top_code_dn: int, where: str) -> tu
         scale = ruler_scale(seen, ruler, where=name)
         paper, solid = (_strips(seen, scale, solid=black) for black in (False, True))
         if not paper.size or not solid.size:
-            what = "sees no strip of paper and of black of the ruler page"
+            what = "sees no strip of paper and black of the ruler page"
             raise ScanError(name, what, remedy="let the whole page pass")
         if (share := float((paper >= top_code_dn).mean())) > _TOP_SHARE:
             what = f"sees paper at its top code, {100 * share:.3g} % of {top_code_dn} DN"

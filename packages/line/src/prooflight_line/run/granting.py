@@ -32,7 +32,7 @@ def granted(proposal: Proposal, sizes_mm: Sequence[tuple[float, float]]) -> Zone
     left, top = max(x - MARGIN_MM, 0.0), max(y - MARGIN_MM, 0.0)
     right, bottom = min(x + width + MARGIN_MM, width_mm), min(y + height + MARGIN_MM, height_mm)
     if right <= left or bottom <= top:
-        what = f"its place, {x:.1f}, {y:.1f} mm, lies on no page of this job"
+        what = f"its place, {x:.1f}, {y:.1f} mm, is on no page of this job"
         raise RequestError(NAME, what, remedy="give the job that was printed")
     return ZoneEntry(
         name=f"{NAME}: {proposal.kind} at {x:.0f}, {y:.0f} mm",
@@ -46,12 +46,12 @@ def with_zone(job_zones: JobZones | None, entry: ZoneEntry) -> tuple[ZoneEntry, 
     """Return the zones of a file and one more; RequestError: a zone of that name is there already."""
     before = () if job_zones is None else job_zones.document.zones
     if any(one.name == entry.name for one in before):
-        raise RequestError(NAME, f"{entry.name!r} was granted already", remedy="take it back first")
+        raise RequestError(NAME, f"{entry.name!r} was granted already", remedy="remove it first")
     return (*before, entry)
 
 
 def _number(name: str, pages: int) -> int:
     match = PAGE.fullmatch(name)
     if match is None or not 1 <= int(match[1]) <= pages:
-        raise RequestError(NAME, f"{name} is no page of this job", remedy="give the job that was printed")
+        raise RequestError(NAME, f"{name} is not a page of this job", remedy="give the job that was printed")
     return int(match[1])

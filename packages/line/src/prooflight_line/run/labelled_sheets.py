@@ -157,10 +157,8 @@ def labelled_pages(
                 key = run.facts.job_digest or run.facts.job, verdict.page
                 of_design.append(designs.setdefault(key, len(designs)))
     if not math.isfinite(alarms_from):
-        what = "no sheet that people were asked about was judged by this press's own detector"
-        raise RequestError(
-            "recalibrate", what, remedy="watch runs with --sample, and say what the sheets were"
-        )
+        what = "no sheet sampled for review was judged by this press's own detector"
+        raise RequestError("recalibrate", what, remedy="watch runs with --sample, and label the sheets")
     table = np.array(numbers, np.int64).reshape(-1, 3)
     return LabelledPages(
         score=np.array(scores, np.float64),

@@ -84,14 +84,14 @@ class Silence:
             if self._reported or since_s is None or self._clock() - since_s < self._limit_s:
                 return
             self._reported = True
-            self._say(Notice(kind="silent", text=f"no line has come for {self._limit_s:g} s"))
+            self._say(Notice(kind="silent", text=f"no line has arrived for {self._limit_s:g} s"))
 
     def _over(self, *, came: bool) -> None:
         with self._guard:
             since_s, self._since_s = self._since_s, None
             if self._reported and came and since_s is not None:
                 lasted_s = self._clock() - since_s
-                self._say(Notice(kind="lines-again", text=f"lines come again, after {lasted_s:.0f} s"))
+                self._say(Notice(kind="lines-again", text=f"lines arrive again, after {lasted_s:.0f} s"))
             self._reported = False
 
 
@@ -126,7 +126,7 @@ class Unusable:
 
     def add(self, design: Hashable, name: str, error: Exception) -> None:
         """Record that a design could not be prepared; name: of its page."""
-        why = reason_of(error, of=f"page {name} could not be made ready")
+        why = reason_of(error, of=f"page {name} could not be prepared")
         with self._guard:
             if self._why.get(design, ("", ""))[1] == why:
                 return

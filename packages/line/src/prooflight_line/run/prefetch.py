@@ -223,7 +223,7 @@ class DesignPrefetcher(Generic[Ready]):
                 if design in self._cached:
                     self._cached[design] = ready
         except Exception:  # the ready one remains in use
-            _log.exception("the design of sheet %d could not be made anew", sheet)
+            _log.exception("the design of sheet %d could not be created again", sheet)
         finally:
             self._renewing = False
 

@@ -148,10 +148,12 @@ def before_recalibration(press: Press, where: object) -> Press:
     )
     previous = next(models, None)
     if previous is None:
-        raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
+        raise RequestError(
+            where, "was never recalibrated", remedy="it replaced no other press artefact: use it"
+        )
     name, model, last = previous
     before, wanted = press.with_threshold(name, last), model.recalibrations[-1].replaces
     if wanted != before.digest:
-        what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
-        raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
+        what = f"replaced {wanted[:16]}, which cannot be restored (the result is {before.digest[:16]})"
+        raise RequestError(where, what, remedy="restore the press artefact of that time from a backup")
     return before

@@ -86,7 +86,7 @@ def write_archive(
 def signature_of(path: Path) -> tuple[Signature, bytes]:
     """Return the signature of an archive, and the BLAKE2b-512 digest of all bytes before it.
 
-    RequestError: the file is no ZIP file, or its comment is no signature.
+    RequestError: the file is not a ZIP file, or its comment is no signature.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -94,7 +94,7 @@ def signature_of(path: Path) -> tuple[Signature, bytes]:
         tail = file.read(_MOST_COMMENT)
     at = tail.rfind(b"PK\x05\x06")
     if at < 0 or len(tail) - at < _END.size:
-        raise RequestError(path, "is no ZIP file, or its end is missing", remedy=REMEDY)
+        raise RequestError(path, "is not a ZIP file, or its end is missing", remedy=REMEDY)
     comment = tail[at + _END.size :]
     try:
         signature = Signature.parse(comment)

@@ -58,11 +58,11 @@ report.pdf     the run for people
 run.json       the run: job, press, times, settings, counts
 pages.jsonl    one line a sheet, in order: verdict, score, threshold, places, disposition; and its file of evidence
 evidence/      input data of the verdicts, as NumPy archives whose arrays are named SHEET/NAME
-pictures/      what the camera saw of misprints
-labels.jsonl   what people said of sheets and incidents
+pictures/      camera images of misprints
+labels.jsonl   labels of sheets and incidents, with the person who gave each
 gate.jsonl     decisions and trays of the gate, if the run had one
-audit.jsonl    what people did in the console about this run
-press/         the press artefact, if it was at hand; manifest.json has its digest in any case
+audit.jsonl    actions of people in the console on this run
+press/         the press artefact, if it was available; manifest.json always has its digest
 result.xjmf    the result for the plant's management system: sheets good, waste and not inspected (CIP4 XJMF 2.1)
 manifest.json  versions of program and libraries, size and SHA-256 of each file
 

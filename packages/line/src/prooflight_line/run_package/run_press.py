@@ -19,5 +19,5 @@ def press_of_run(path: Path, *, name: str, digest: str) -> Press:
     press = Press.load(path)
     if digest != press.digest:
         what = f"has digest {press.digest[:16]}, the run was judged by {digest[:16]}"
-        raise PressError(path, what, remedy=f"give the artefact of press {name} of that day")
+        raise PressError(path, what, remedy=f"give the artefact of press {name} that the run used")
     return press

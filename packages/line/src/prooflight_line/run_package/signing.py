@@ -32,7 +32,7 @@ SIGNATURE_ALGORITHM: Final = b"ED"
 NUMBER_BYTES: Final = 8
 COMMENT: Final = "untrusted comment: signature by Prooflight"
 TRUSTED: Final = "trusted comment: "
-MAKE_ONE: Final = "make one with `prooflight run key`"
+MAKE_ONE: Final = "create one with `prooflight run key`"
 ANOTHER_KEY: Final = "give a public key of minisign, such as `prooflight run key` writes"
 _SECRETS: Final = GivenFiles(error=RequestError, remedy=MAKE_ONE, largest_mb=0.01)
 _PUBLIC: Final = GivenFiles(error=RequestError, remedy=ANOTHER_KEY, largest_mb=0.01)
@@ -61,7 +61,7 @@ class PublicKey:
         except (IndexError, binascii.Error, ValueError):
             content = b""
         if len(content) != 42 or not content.startswith(KEY_ALGORITHM):
-            raise RequestError(path, "is no public key", remedy=ANOTHER_KEY)
+            raise RequestError(path, "is not a public key", remedy=ANOTHER_KEY)
         return cls(number=content[2:10], raw=content[10:])
 
     @property
@@ -102,7 +102,7 @@ class Signature:
         lines = text.decode().split("\n")
         content = base64.b64decode(lines[1], validate=True) if len(lines) == 5 else b""
         if len(content) != 74:
-            raise ValueError("it is no signature of minisign")
+            raise ValueError("it is not a signature of minisign")
         parsed = cls(
             number=content[2:10],
             signature=content[10:],
@@ -162,13 +162,15 @@ class SigningKey:
         except FileNotFoundError as error:
             raise RequestError(path, "there is no key", remedy=MAKE_ONE) from error
         if os.name == "posix" and others_read:
-            raise RequestError(path, "can be read by others", remedy=f"chmod 600 {path}, or make another key")
+            raise RequestError(
+                path, "can be read by others", remedy=f"chmod 600 {path}, or create another key"
+            )
         try:
             key = serialization.load_pem_private_key(content, password=None)
         except (ValueError, TypeError) as error:
-            raise RequestError(path, "is no secret key", remedy=MAKE_ONE) from error
+            raise RequestError(path, "is not a secret key", remedy=MAKE_ONE) from error
         if not isinstance(key, Ed25519PrivateKey):
-            raise RequestError(path, "is no Ed25519 key", remedy=MAKE_ONE)
+            raise RequestError(path, "is not an Ed25519 key", remedy=MAKE_ONE)
         return cls(key)
 
     @property

@@ -174,14 +174,14 @@ def _manifest(archive: zipfile.ZipFile, path: Path, result: Verified) -> Manifes
         with archive.open(MANIFEST) as file:
             content = file.read(MOST_MANIFEST_BYTES + 1)
     except KeyError as error:
-        raise RequestError(path, f"holds no {MANIFEST}", remedy=REMEDY) from error
+        raise RequestError(path, f"contains no {MANIFEST}", remedy=REMEDY) from error
     if len(content) > MOST_MANIFEST_BYTES:
         raise RequestError(path, f"its {MANIFEST} is too large", remedy=REMEDY)
     try:
         stated = json.loads(content)
         if isinstance(stated, dict) and stated.get("format") != FORMAT:
             what = f"has format {stated.get('format')!r:.20}, this version reads format {FORMAT}"
-            raise RequestError(path, what, remedy="verify it with the version that made it")
+            raise RequestError(path, what, remedy="verify it with the version that wrote it")
         return Manifest.model_validate(stated)
     except (ValidationError, ValueError, RecursionError) as error:
         if isinstance(error, RequestError):
@@ -212,11 +212,11 @@ def _check_members(
             result.fault(f"{one.path}: damaged ({error})")
             continue
         if size != one.bytes or digest != one.sha256:
-            result.fault(f"{one.path}: not as the manifest states it")
+            result.fault(f"{one.path}: it differs from the manifest")
         else:
             result.members += 1
     for name in manifest.missing:
-        result.fault(f"{name}: was missing when the package was made")
+        result.fault(f"{name}: was missing when the package was created")
 
 
 def _digest(archive: zipfile.ZipFile, name: str, *, most: int) -> tuple[int, str]:
@@ -251,7 +251,7 @@ def _replay(
                     _replay_sheet(evidence, row, press, result)
             except (KeyError, TypeError, ValueError, *DAMAGED) as error:
                 what = error.what if isinstance(error, RequestError) else str(error)
-                result.fault(f"{PAGES}, line {number}: cannot be computed again ({what})")
+                result.fault(f"{PAGES}, line {number}: cannot be recalculated ({what})")
 
 
 def _replay_sheet(evidence: _Evidence, row: dict[str, Any], press: Press, result: Verified) -> None:
@@ -294,7 +294,7 @@ def _rows(archive: zipfile.ZipFile) -> Iterator[dict[str, Any]]:
             while line := file.readline(MOST_ROW_BYTES):
                 row = json.loads(line)
                 if not isinstance(row, dict):
-                    raise ValueError("no object")  # noqa: TRY004 (of the same kind as all that is wrong with a line)
+                    raise ValueError("not an object")  # noqa: TRY004 (of the same kind as all that is wrong with a line)
                 yield row
     except KeyError:
         return

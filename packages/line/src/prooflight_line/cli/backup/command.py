@@ -44,9 +44,9 @@ def backup(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Back up a journal, its evidence, labels, gate logs, the console's users, and presses, while runs go on.
+    """Back up a journal, its evidence, labels, gate logs, the console's users, and presses, also during runs.
 
-    Exits 1 if evidence that the journal names is missing; what is there was backed up.
+    Exits 1 if evidence that the journal names is missing; everything else was backed up.
     """
     from prooflight.press.artefact import Press
     from prooflight_line.journal.backup import back_up

@@ -42,7 +42,7 @@ def list_cameras(
     table = Table("ID", "maker", "model", "serial number", "address", "by")
     for one in cameras:
         table.add_row(one.id, one.maker, one.model, one.serial, one.address, one.backend)
-    show.people.print(table if cameras else "no camera answers: look at cable, power and network address")
+    show.people.print(table if cameras else "no camera answers: check cable, power and network address")
 
 
 def features(
@@ -139,7 +139,7 @@ def _wanted(text: str) -> tuple[str, str]:
     name, mark, value = text.partition("=")
     if not name or not mark:
         raise RequestError(
-            "--set", f"{text!r} names no feature and value", remedy="write e.g. --set Height=64"
+            "--set", f"{text!r} is not a feature and its value", remedy="write e.g. --set Height=64"
         )
     return name, value
 

@@ -33,7 +33,7 @@ def set_up(
         ),
     ],
     like: Annotated[
-        Path | None, typer.Option(metavar="OTHER.toml", help="Begin a new press file from this one.")
+        Path | None, typer.Option(metavar="OTHER.toml", help="Start a new press file from this one.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Run unattended, with Enter to every question.")] = False,
     answers: Annotated[
@@ -50,7 +50,7 @@ def set_up(
     """Set a line camera up step by step: dark, light, focus, width, encoder; and write the press file.
 
     Each step shows what to do, waits for Enter, measures, and reports its result. Comments of the press file
-    stay. A set-up that was stopped continues where it was.
+    remain. A set-up that was stopped continues where it ended.
     """
     from prooflight.press.press_file import PressFile
     from prooflight_line.camera_set_up import wizard
@@ -70,7 +70,7 @@ def set_up(
         reader = CameraLineReader(opened, names=settings.names.get(camera.model))
         if begun:
             _begin(press_file, press, sensors=reader.sensors, camera=camera.id)
-            _say(f"{press_file} is begun from {press.path.name}", "faint", quiet=json)
+            _say(f"{press_file} is started from {press.path.name}", "faint", quiet=json)
         protocol = left or wizard.Protocol(camera=camera.id, begun=begun)
         attended = not yes and given is None
         prompts = wizard.Prompts(
@@ -81,7 +81,7 @@ def set_up(
         try:
             wizard.SetUp(line_reader=reader, path=press_file, prompts=prompts, protocol=protocol).run()
         except wizard.Stopped:
-            _say("stopped; the same command goes on from here", "faint", quiet=json)
+            _say("stopped; the same command continues from here", "faint", quiet=json)
     finally:
         opened.close()
     if json:
@@ -105,7 +105,7 @@ def _begin(path: Path, source: PressFile, *, sensors: int, camera: str) -> None:
     if described != sensors:
         what = f"{camera} sends {sensors} sensors, {source.path.name} describes {described}"
         raise RequestError(
-            path, what, remedy="say --like OTHER.toml, a press file of as many [[sensor]] blocks"
+            path, what, remedy="use --like OTHER.toml, a press file with as many [[sensor]] blocks"
         )
     with whole_file(path) as unfinished:
         unfinished.write_bytes(source.text.encode())
@@ -182,10 +182,10 @@ def _summary(protocol: Protocol, press_file: Path) -> None:
     unmeasured = [line for one in protocol.steps.values() for line in one["unmeasured"]]
     skipped = [one["title"] for one in protocol.steps.values() if one["state"] == "skipped"]
     if skipped:
-        show.people.print("skipped, the press file says what it said:", ", ".join(skipped), highlight=False)
+        show.people.print("skipped, unchanged in the press file:", ", ".join(skipped), highlight=False)
     for line in unmeasured:
         show.people.print("not measured:", line, highlight=False, style="dim")
-    show.people.print(show.strong(press_file), "says what was measured")
+    show.people.print(show.strong(press_file), "contains the measured values")
     if protocol.finished:
         show.people.print(
             f"Next: prooflight press build {press_file} -o {press_file.stem}.press"

@@ -36,7 +36,7 @@ def doctor(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Say what this machine lacks, and with --press how fast an inspection will be.
+    """Report what this machine lacks, and with --press how fast an inspection will be.
 
     Exits 1 if something that is needed is missing.
     """

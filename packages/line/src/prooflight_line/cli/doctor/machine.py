@@ -140,7 +140,10 @@ def _of_memory() -> Finding:
         )
     if free_gb < GOOD_MEMORY_GB:
         return Finding(
-            what="memory", state="look", detail=detail, remedy=f"{GOOD_MEMORY_GB:g} GB hold more designs"
+            what="memory",
+            state="look",
+            detail=detail,
+            remedy=f"{GOOD_MEMORY_GB:g} GB have room for more designs",
         )
     return Finding(what="memory", state="good", detail=detail)
 
@@ -168,7 +171,7 @@ def _of_disk(journal: Path) -> Finding:
 
 def _of_journal(journal: Path) -> Finding:
     if not journal.exists():
-        return Finding(what="journal", state="good", detail=f"{journal} will be made by the first run")
+        return Finding(what="journal", state="good", detail=f"{journal} will be created by the first run")
     detail = "a run is being written" if writer_lives(journal) else f"{journal.stat().st_size / 1e6:,.1f} MB"
     return Finding(what="journal", state="good", detail=detail)
 

@@ -41,13 +41,13 @@ def check(
     press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],
     json: Json = False,
 ) -> None:
-    """Try the gate's controller and every outlet, and report which answer; exits 2 if one does not."""
+    """Check the connections to the gate's controller and to every outlet; exits 2 if one does not answer."""
     from prooflight.press.press_file import PressFile
     from prooflight_line.plant.checking import answers
 
     results = answers(PressFile.read(press_file))
     if not results:
-        what = "says nothing of a plant"
+        what = "has no gate and no outlet"
         raise RequestError(press_file, what, remedy="add [gate]; see docs/how-to/gate.md")
     if json:
         show.print_json([asdict(one) for one in results])
@@ -81,7 +81,7 @@ def simulate(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Simulate a controller with a gate and two trays. `watch --source drum:N --plant ...` fills its belt."""
+    """Simulate a controller with a gate and two trays. `watch --source drum:N --plant ...` supplies its sheets."""
     from prooflight.press.gate import GateSettings, PlcSettings
     from prooflight.press.press_file import PressFile
     from prooflight_line.plant.simulator.belt import Belt
@@ -102,7 +102,7 @@ def simulate(
         server = stack.enter_context(PlcServer(plc, host=host, port=port, first_register=first, unit=unit))
         where = f"{host}:{server.port}"
         if not json:
-            show.step(f"a controller answers at {where}, gate {settings.distance_mm:g} mm behind the camera")
+            show.step(f"a controller answers at {where}, gate {settings.distance_mm:g} mm after the camera")
         _shown(plc, where, seconds, json=json)
     if json:
         show.print_json({"listened": where, **_counts(plc)})
@@ -148,11 +148,11 @@ def _line(plc: SimulatedPlc, where: str) -> Text:
     """Return the state of the controller in one line; sheets that are bad in truth are counted in the good tray."""
     bad = sum(row.tray == "good" and row.truth != "good" for row in list(plc.rows))
     line = Text.assemble(
-        (" HEARTBEAT ", "reverse green") if plc.alive else (" NOBODY THERE ", "reverse bold red"),
+        (" HEARTBEAT ", "reverse green") if plc.alive else (" NO HEARTBEAT ", "reverse bold red"),
         f"  controller at {where}, good tray: {plc.counts['good']:,}",
     )
     line.append(f", {bad} of them bad", "bold red" if bad else "")
-    line.append(f", reject tray: {plc.counts['reject']:,}, results kept: {len(plc.stored)}")
+    line.append(f", reject tray: {plc.counts['reject']:,}, results stored: {len(plc.stored)}")
     return line.append(", press stopped", "bold red") if plc.stopped else line
 
 
@@ -167,12 +167,12 @@ def _address(text: str) -> tuple[str, int]:
     except ValueError:
         number = -1
     if not host or not 0 <= number <= 65_535:
-        raise RequestError("listen", f"{text!r} is no address", remedy=f"write e.g. 127.0.0.1:{PORT}")
+        raise RequestError("listen", f"{text!r} is not an address", remedy=f"write e.g. 127.0.0.1:{PORT}")
     return host, number
 
 
 def _answers_table(results: list[Answer]) -> Any:
-    headings = ("what", "where", "answers", "what it says")
+    headings = ("what", "where", "answers", "detail")
     table = show.table_of("The plant", headings, text_columns=headings)
     for one in results:
         label = Text("yes", style="green") if one.answers else Text("no", style="bold red")

@@ -61,15 +61,17 @@ def fill(
         ),
     ] = WAIT_S,
     tickets: Annotated[
-        bool, typer.Option("--tickets", help="Every job has a ticket: a file waits for it, as long.")
+        bool, typer.Option("--tickets", help="Every job has a ticket: a file waits as long for it.")
     ] = False,
-    once: Annotated[bool, typer.Option("--once", help="Take in what is whole now, and end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Take in the files that are complete now, and end.")
+    ] = False,
     json: Json = False,
     log: LogOption = "text",
 ) -> None:
-    """Take jobs from a hot folder as they come: queue the good ones, reject the others with a reason.
+    """Take jobs from a hot folder as they arrive: queue the good ones, reject the others with a reason.
 
-    Runs until it is ended, at any moment and in any way: nothing is lost, and the next one goes on.
+    Runs until it is ended, at any moment and in any way: nothing is lost, and the next start continues.
     """
     from prooflight.inspection.inspector import Inspector
     from prooflight.press.artefact import Press
@@ -113,7 +115,7 @@ def fill(
 
 @app.command("list")
 def list_jobs(folder: FolderPath, json: Json = False) -> None:
-    """List the jobs of a hot folder in the order of printing: where each is, and what its ticket and file say."""
+    """List the jobs of a hot folder in the order of printing: their stage, and the facts of ticket and file."""
     from prooflight_line.job_queue.hot_folder import STAGES, HotFolder
     from prooflight_line.job_queue.listing import listed
 

@@ -58,14 +58,14 @@ def upgrade(to: Database = None) -> None:
 
     before, after = upgraded(url_or_variable(to))
     show.people.print(
-        f"schema {after}, as before" if before == after else f"schema {before or 'none'} -> {after}"
+        f"schema {after}, unchanged" if before == after else f"schema {before or 'none'} -> {after}"
     )
 
 
 @app.command()
 def ship(
     press: Annotated[str, typer.Option(metavar="NAME", help="Name of this press, unique among all.")],
-    plant: Annotated[str, typer.Option(metavar="NAME", help="Plant in which it stands.")],
+    plant: Annotated[str, typer.Option(metavar="NAME", help="Plant of the press.")],
     to: Database = None,
     journal: JournalUrl = None,
     pictures: Annotated[
@@ -76,12 +76,14 @@ def ship(
             show_default=False,
         ),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Ship what the journal holds now, and end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Ship the present rows of the journal, and end.")
+    ] = False,
     log: LogOption = "text",
 ) -> None:
-    """Ship this press's journal as it grows. A server that is away is waited for; the journal keeps all.
+    """Ship this press's journal as it grows. While the server does not answer, the journal stores all rows.
 
-    End it at any moment and in any way: nothing is lost, nothing is there twice, and the next one goes on.
+    End it at any moment and in any way: nothing is lost, no row is shipped twice, and the next start continues.
     """
     from prooflight_line.journal.opening import journal_path
     from prooflight_line.records.database import connect, url_or_variable
@@ -119,7 +121,7 @@ def ship(
 @app.command("presses")
 def list_presses(
     to: Database = None,
-    hours: Annotated[float, typer.Option(help="Hours back from now that are counted.", min=0.01)] = 24.0,
+    hours: Annotated[float, typer.Option(help="Number of past hours that are counted.", min=0.01)] = 24.0,
     json: Json = False,
 ) -> None:
     """List the presses, what runs, and their sheets of the last hours."""
@@ -147,7 +149,7 @@ def search(
     to: Database = None,
     press: Annotated[str | None, typer.Option(metavar="NAME", help="Press.")] = None,
     plant: Annotated[str | None, typer.Option(metavar="NAME", help="Plant.")] = None,
-    job: Annotated[str | None, typer.Option(metavar="NAME", help="Job, or how its name begins.")] = None,
+    job: Annotated[str | None, typer.Option(metavar="NAME", help="Job, or the start of its name.")] = None,
     verdict: Annotated[
         str | None, typer.Option(metavar="good|misprint|not-inspected", help="Verdict.")
     ] = None,
@@ -242,7 +244,7 @@ class _Total:
                 labels=self._labels,
                 rows_behind=shipper.waiting_rows,
             )
-            show.people.print(f"{self.line()}; {count(shipper.waiting_rows, 'row')} behind")
+            show.people.print(f"{self.line()}; {count(shipper.waiting_rows, 'row')} not shipped yet")
 
     def close(self) -> None:
         """Export the traces that wait."""

@@ -75,7 +75,7 @@ def roll_map(
 
     suffix = ".csv" if out is None else out.suffix.lower()
     if suffix not in FORMATS:
-        what = f"{visible(str(out))} is of no known kind"
+        what = f"{visible(str(out))} has no known suffix"
         raise RequestError("run roll-map", what, remedy=f"end its name in {', '.join(FORMATS)}")
     row, records, file = _read(run, journal, plant)
     stretches = maps.roll_map(records, file.geometry(file.camera()))

@@ -139,7 +139,7 @@ def show_run(
         assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
         _print_run(run_row, opened)
     if total:
-        show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
+        show.people.print(_page_table(shown, title="All pages" if every else "Pages to check"))
     elif not damaged.count:
         show.people.print(
             "Every page was good, in time and without a fault." if run_row.pages else "No pages."
@@ -263,7 +263,7 @@ def replay(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
+    """Recalculate a verdict from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
     from prooflight_line.run_package.run_press import press_of_run
 
@@ -273,8 +273,8 @@ def replay(
         page = opened.page(run_row.id, sheet)
         where = opened.path
     if page.evidence is None:
-        what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
-        raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
+        what = f"no evidence of sheet {sheet} of run {run_row.id} is stored"
+        raise RequestError(where, what, remedy="store more, or for longer: see docs/how-to/journal.md")
     figures = replayed(page.verdict, page.evidence, loaded)
     same = all(figure.same for figure in figures)
     if json:
@@ -308,7 +308,7 @@ def reconcile(
 ) -> None:
     """Account for every sheet of a run with a gate, in the journal and in the trays alike.
 
-    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate,
+    Exits 1 if a sheet is in the good tray against its decision, 3 if one has a verdict and was not seen at the gate,
     or if the controller's log differs from what the controller reported over the wire.
     """
     with reading(journal) as opened:
@@ -329,7 +329,7 @@ def reprint_list(
     """List every sheet that the job needs and that is not in the good tray, its position in the stack, and why.
 
     For a run without a gate, list every sheet that was not judged good, nor labelled a false alarm, nor
-    vouched for.
+    released manually.
     """
     with reading(journal) as opened:
         run_gate.reprint_list(opened, run_of(opened, run), trays=trays, out=out, json=json)
@@ -355,26 +355,28 @@ def hold(
 
 @app.command()
 def tidy(
-    days: Annotated[float, typer.Option(help="Days to keep runs after they ended.", min=0.001)] = float(
-        "inf"
-    ),
+    days: Annotated[
+        float, typer.Option(help="Days for which runs are stored after their end.", min=0.001)
+    ] = float("inf"),
     megabytes: Annotated[
         float,
-        typer.Option(help="Megabytes to keep; the oldest evidence is removed first, then runs.", min=0.001),
+        typer.Option(
+            help="Megabytes that remain; the oldest evidence is removed first, then runs.", min=0.001
+        ),
     ] = float("inf"),
     rules: Annotated[
         Path | None,
         typer.Option("--rules", metavar="RULES.toml", help="Rules by customer and class, instead of --days."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="List what would go, and remove nothing.")
+        bool, typer.Option("--dry-run", help="List what would be removed, and remove nothing.")
     ] = False,
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
     """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay.
 
-    What goes by its age is listed before it goes.
+    Runs and evidence to be removed by age are listed first.
     """
     from prooflight_line.journal.journal import Journal
     from prooflight_line.plant.gate.log import log_path
@@ -382,8 +384,8 @@ def tidy(
     retention = _retention(days=days, megabytes=megabytes, rules=rules)
     if dry_run:
         if megabytes < float("inf"):
-            remedy = "leave --megabytes out: how much evidence it takes shows when it goes"
-            raise RequestError("run tidy", "--dry-run lists what goes by its age alone", remedy=remedy)
+            remedy = "leave --megabytes out: the evidence to remove for it is determined during removal"
+            raise RequestError("run tidy", "--dry-run lists only what is removed by its age", remedy=remedy)
         with reading(journal) as seen:
             _print_due(seen.due(retention, now_s=time.time()), json=json)
         return

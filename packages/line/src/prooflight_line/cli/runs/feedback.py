@@ -61,11 +61,13 @@ def mark(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Label a sheet, also while its run goes on. Labels are added, none is replaced; the last one counts."""
+    """Label a sheet, also during its run. Labels are added, none is replaced; the last one counts."""
     from prooflight_line.journal.labels import GOOD, MOST_NOTE, Labels, LabelStore, run_key
 
     if word not in (*MARKS, UNDO):
-        raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join((*MARKS, UNDO))}")
+        raise RequestError(
+            "word", f"there is no label {word[:40]!r}", remedy=f"use {', '.join((*MARKS, UNDO))}"
+        )
     if len(why) > MOST_NOTE:
         raise RequestError("--why", f"has {len(why):,} letters", remedy=f"give {MOST_NOTE:,} at most")
     with reading(journal) as opened:
@@ -75,7 +77,7 @@ def mark(
         if word == UNDO:
             last = Labels(label_store.of_run(key)).of(sheet)
             if last is None:
-                what = f"nobody has said what sheet {sheet} of run {run_row.id} was"
+                what = f"sheet {sheet} of run {run_row.id} has no label"
                 raise RequestError("undo", what, remedy="see `prooflight run sampled --all`")
             label = label_store.undo(last.id, run=key, by=by, at_s=now_s)
         else:
@@ -85,10 +87,14 @@ def mark(
             {"run": run_row.id} | {name: value for name, value in asdict(label).items() if name != "run"}
         )
         return
-    counts = "" if page.asked is not None else "; it is not in the random sample, so it moves no threshold"
+    counts = (
+        ""
+        if page.asked is not None
+        else "; it is not in the random sample, so it does not affect the threshold"
+    )
     if label.word == GOOD and page.verdict.verdict == "not-inspected":
-        counts += ", and it was not inspected: vouch for it in the console, or print it again"
-    show.people.print(f"sheet {sheet} of run {run_row.id}: {label.word}, says {label.by}{counts}")
+        counts += ", and it was not inspected: release it manually in the console, or print it again"
+    show.people.print(f"sheet {sheet} of run {run_row.id}: {label.word}, labelled by {label.by}{counts}")
 
 
 def sampled(
@@ -188,7 +194,7 @@ def tolerances(
         show.print_json([asdict(one) for one in listed])
         return
     if not listed:
-        show.people.print("No false alarm comes often enough at one place to propose a tolerance.")
+        show.people.print("No false alarm occurs often enough at one place to propose a tolerance.")
         return
     for number, one in enumerate(listed, 1):
         show.people.print(f"{number}.", show.strong(f"{one.kind} {one.where}"), f"on {', '.join(one.pages)}")
@@ -221,12 +227,12 @@ def _grant(listed: list[Proposal], number: int, *, zones: Path | None, job: Path
     for line in proposal.sentences:
         show.people.print(f"  {line}")
     show.people.print(
-        "Zones know no kind and no amount: whatever is printed there will pass, which is more than was proposed."
+        "A zone has no kind and no amount: every defect in it will pass, which is more than was proposed."
     )
     show.written(zones)
     show.people.print(
-        f"Not in force until its price was seen: `prooflight zones price {zones} {job} --press X.press --save`; "
-        f"`prooflight zones drop {zones} {job} {entry.name!r}` takes it back."
+        f"Not in force until its price is saved: `prooflight zones price {zones} {job} --press X.press --save`; "
+        f"`prooflight zones drop {zones} {job} {entry.name!r}` removes it."
     )
 
 
@@ -266,7 +272,7 @@ def recalibrate(
 
     press = Press.load(artefact)
     if out.exists() and out.samefile(artefact):
-        raise RequestError(out, "is the press that is to be replaced", remedy="give another --out")
+        raise RequestError(out, "is the press artefact to be replaced", remedy="give another --out")
     with ExitStack() as stack:
         given: list[str | None] = [*journal] if journal else [None]
         done = recalibrated(
@@ -305,7 +311,7 @@ def _show_replays(replays: Sequence[Replayed]) -> None:
     """Print which alarms of runs would vanish and which would appear at another threshold."""
     if not replays:
         return
-    headings = ("run", "sheets", "alarms", "would go", "of these labelled", "would come")
+    headings = ("run", "sheets", "alarms", "would vanish", "of these labelled", "would appear")
     table = show.table_of("At the new threshold", headings, text_columns=("of these labelled",))
     for one in replays:
         text = ", ".join(f"{number} {word or 'nothing'}" for word, number in one.gone_told.items())

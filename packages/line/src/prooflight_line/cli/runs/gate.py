@@ -110,7 +110,7 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
             unfinished.write_text(json_text(facts) + "\n", encoding="utf-8")
         show.written(out)
         return
-    headings = ("copy", "page", "set", "goes behind", "why")
+    headings = ("copy", "page", "set", "belongs after", "why")
     table = show.table_of(f"To print again, run {run.id}", headings, text_columns=headings[1:])
     for one in listed.sheets:
         why = f"{one.why}; take it out of the good tray" if one.take_out else one.why
@@ -123,11 +123,13 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
         table.add_row("", number, "", "", NOT_PRINTED)
     show.people.print(table if listed else "Nothing: every sheet that the job needs is delivered.")
     if listed.vouched:
-        show.people.print(f"{count(len(listed.vouched), 'sheet')} delivered since people vouched for them")
+        show.people.print(
+            f"{count(len(listed.vouched), 'sheet')} delivered after a person released them manually"
+        )
 
 
 def _print(accounts: Reconciliation, run: RunRow) -> None:
-    headings = ("sheets", "what became of them")
+    headings = ("sheets", "result")
     table = show.table_of(f"Run {run.id}, reconciled", headings, text_columns=headings[1:])
     for account, text_columns in ACCOUNT_TEXTS.items():
         if number := accounts.counts[account]:
@@ -139,11 +141,11 @@ def _print(accounts: Reconciliation, run: RunRow) -> None:
     _reasons("Never judged", Counter(one.why for one in accounts.sheets if one.account == "unseen"))
     if off := _off_facts(accounts):
         show.people.print(
-            f"Sheets reached the gate {off['median']:+.1f} mm from their place (median), {off['greatest']:.1f} mm at "
-            "most; a constant part of it goes into [gate] distance_mm."
+            f"Sheets reached the gate {off['median']:+.1f} mm from the expected position (median), "
+            f"{off['greatest']:.1f} mm at most; correct [gate] distance_mm by a constant offset."
         )
     for different in accounts.disagreements[:SHOWN]:
-        where = different.file or "no row of it"
+        where = different.file or "no row for it"
         faults.report(
             f"sheet {different.sheet}: {different.wire} tray over the wire, {where} in the controller's log"
         )
@@ -176,4 +178,4 @@ def _reasons(title: str, counts: Counter[str]) -> None:
 
 
 def _name(one: Accounted) -> str:
-    return "a sheet that nobody judged" if one.sheet is None else f"sheet {one.sheet} ({visible(one.page)})"
+    return "a sheet without a verdict" if one.sheet is None else f"sheet {one.sheet} ({visible(one.page)})"

@@ -42,6 +42,6 @@ def run_of(journal: Journal, number: str) -> RunRow:
     try:
         run_id = int(number)
     except ValueError as error:
-        what = f"{number!r} is no number"
-        raise RequestError("run", what, remedy="see `prooflight runs`, or say `last`") from error
+        what = f"{number!r} is not a number"
+        raise RequestError("run", what, remedy="see `prooflight runs`, or use `last`") from error
     return journal.run(run_id)

@@ -53,7 +53,7 @@ def package(
     ] = None,
     xjmf: Annotated[
         Path | None,
-        typer.Option("--xjmf", metavar="FILE", help="Write the run's result as an XJMF message beside it."),
+        typer.Option("--xjmf", metavar="FILE", help="Write the run's result as an XJMF message next to it."),
     ] = None,
     key: KeyFile = None,
     language: Language = "en",
@@ -62,7 +62,7 @@ def package(
 ) -> None:
     """Write all evidence of a run into one signed archive, which `prooflight verify` checks years later.
 
-    Exits 1 if evidence that the journal names is missing; what is there was packaged.
+    Exits 1 if evidence that the journal names is missing; everything else was packaged.
     """
     from prooflight.files.atomic import whole_file
     from prooflight_line.run_package.archive import write_archive
@@ -98,7 +98,7 @@ def package(
         if xjmf is not None:
             show.written(xjmf)
     for file in contents.missing[:5]:
-        faults.report(f"{file}: the journal names it, and it is missing")
+        faults.report(f"{file}: the journal refers to it, but it is missing")
     if contents.missing:
         raise typer.Exit(1)
 
@@ -128,7 +128,7 @@ def key(
     file: KeyFile = None,
     json: Json = False,
 ) -> None:
-    """Show the public key of packages; make the key if there is none, for its owner alone to read."""
+    """Show the public key of packages; create the key, readable by its owner alone, if there is none."""
     from prooflight_line.run_package.signing import SigningKey, default_key, public_path
 
     path = file or default_key()
@@ -154,7 +154,9 @@ def verify(
     archive: Annotated[Path, typer.Argument(metavar="RUN.zip", help="Package of a run.")],
     key: Annotated[
         list[Path] | None,
-        typer.Option("--key", metavar="PUB", help="Public key of whom you trust; default the user's own."),
+        typer.Option(
+            "--key", metavar="PUB", help="Public key of the trusted signer; default the user's own."
+        ),
     ] = None,
     press: Annotated[
         Path | None,
@@ -230,6 +232,6 @@ def _print(result: Verified) -> None:
         say(f"Verdicts: not computed again: {result.replay}")
     else:
         say(
-            f"Verdicts: {result.same} of {result.with_evidence} with evidence are the same to the last digit; "
+            f"Verdicts: {result.same} of {result.with_evidence} with evidence are the same in every digit; "
             f"{count(result.sheets - result.with_evidence, 'sheet')} without"
         )

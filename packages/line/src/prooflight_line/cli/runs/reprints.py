@@ -49,7 +49,7 @@ def reprint_job(
     from prooflight_line.run_package.accounts import accounts_of
 
     if out.suffix.lower() != ".pdf":
-        raise RequestError(out, "is no name of a PDF", remedy="end it in .pdf")
+        raise RequestError(out, "is not the name of a PDF", remedy="end it in .pdf")
     with reading(journal) as opened:
         row = run_of(opened, run)
         listed, _ = accounts_of(opened, row, trays)
@@ -78,7 +78,7 @@ def reprint_job(
 
 def reprinted(
     again: Annotated[
-        Path, typer.Argument(metavar="AGAIN.json", help="List that `run reprint-job` wrote beside its PDF.")
+        Path, typer.Argument(metavar="AGAIN.json", help="List that `run reprint-job` wrote next to its PDF.")
     ],
     run: RunNumber = "last",
     trays: TraysFile = None,
@@ -98,9 +98,9 @@ def reprinted(
     else:
         done = len(job.sheets) - len(left)
         show.people.print(
-            f"{done} of {count(len(job.sheets), 'sheet')} of run {job.run} came well in run {row.id}."
+            f"{done} of {count(len(job.sheets), 'sheet')} of run {job.run} were printed well in run {row.id}."
         )
-        headings = ("copy", "page", "set", "goes behind")
+        headings = ("copy", "page", "set", "belongs after")
         table = show.table_of("To print once more", headings, text_columns=headings[1:])
         for one in left:
             number = f"{one.number} ({visible(one.page)})"

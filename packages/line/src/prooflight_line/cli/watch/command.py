@@ -30,11 +30,11 @@ def watch(
     options: WatchOptions,
     context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
-    """Inspect a press while it runs, and say of every misprint where it is.
+    """Inspect a press while it runs, and report every misprint with its place.
 
-    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded, 5 if
-    inspection could not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops
-    it, and reports that.
+    Exits 1 if there was a misprint, 3 if not every sheet arrived, was inspected and was recorded, 5 if
+    inspection could not keep up. Ctrl-C ends cleanly: sheets that have passed are still inspected; a second one skips
+    them, and reports that.
     """
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.process import settle_process

@@ -41,7 +41,7 @@ def console_alongside(
         yield
         return
     if journal == "none":
-        raise RequestError("--serve", "shows what the journal holds", remedy="leave out --journal none")
+        raise RequestError("--serve", "shows the contents of a journal", remedy="leave out --journal none")
     from prooflight_line.journal.opening import default_journal, journal_path
     from prooflight_line.plant.gate.reconciling import read_trays
 

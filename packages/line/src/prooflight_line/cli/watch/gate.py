@@ -75,7 +75,7 @@ def refuse_unfit(
     elif kind == "drum" and rest:
         speed_mm_s = drum_rate(source, rest) * geometry.lines(longest_mm) * geometry.line_pitch_mm
     else:
-        what = "has a gate, and the source waits for whoever reads it"
+        what = "has a gate, and this source has no speed of its own"
         raise RequestError(plant.path, what, remedy="give --source drum:PAGES_PER_S or camera:ID")
     travel = Travel(
         distance_mm=settings.distance_mm,
@@ -113,10 +113,10 @@ def with_sets(
         return SheetPlan(layout=Layout(pages_a_set=pages_a_set), sides=pages, sheets=sheets or pages)
     stated = plan.layout.pages_a_set
     if stated is not None and stated != pages_a_set:
-        what = f"[gate] pages_a_set = {pages_a_set}, and --layout says pages-a-set={stated}"
-        raise RequestError(where, what, remedy="take it out of [gate]: sets are the job's")
+        what = f"[gate] pages_a_set = {pages_a_set}, but --layout states pages-a-set={stated}"
+        raise RequestError(where, what, remedy="remove it from [gate]: the job determines its sets")
     if pages_a_set % plan.layout.pages_a_sheet:
-        what = f"[gate] pages_a_set = {pages_a_set}, and a sheet takes {plan.layout.pages_a_sheet} pages"
+        what = f"[gate] pages_a_set = {pages_a_set}, but a sheet takes {plan.layout.pages_a_sheet} pages"
         raise RequestError(where, what, remedy="give --layout pages-a-set of whole sheets")
     return replace(plan, layout=replace(plan.layout, pages_a_set=pages_a_set))
 

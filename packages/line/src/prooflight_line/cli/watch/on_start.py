@@ -35,11 +35,11 @@ def refuse_unfit(options: WatchOptions) -> None:
         raise RequestError(OPTION, "starts jobs of a hot folder", remedy="give --queue and the folder")
     if options.record.journal == "none":
         remedy = "leave out --journal none"
-        raise RequestError(OPTION, "is asked for next to the journal", remedy=remedy)
+        raise RequestError(OPTION, "needs a journal: the console requests a start next to it", remedy=remedy)
     if options.start.resume:
-        raise RequestError(OPTION, "begins new runs", remedy="leave out --resume, or resume without it")
+        raise RequestError(OPTION, "starts new runs", remedy="leave out --resume, or resume without it")
     if options.console.serve:
-        remedy = "leave out --serve, and run `prooflight serve --queue FOLDER` beside it"
+        remedy = "leave out --serve, and run `prooflight serve --queue FOLDER` separately"
         raise RequestError(OPTION, "waits without a run that --serve could show", remedy=remedy)
 
 
@@ -68,7 +68,7 @@ def run_on_start(
     Raises
     ------
     RequestError
-        Another process waits for starts of this journal, or nothing can be written beside it.
+        Another process waits for starts of this journal, or nothing can be written next to it.
     """
     control, signals, runs = control_of(journal), list[int](), list[subprocess.Popen[bytes]]()
     jobs = HotFolder.open(folder)
@@ -120,6 +120,4 @@ def _command(arguments: Sequence[str], job: str) -> list[str]:
 
 def _ended(code: int) -> str:
     how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
-    return (
-        f"the run ended {how} before it was complete; its messages are where `prooflight watch` prints them"
-    )
+    return f"the run ended {how} before it was complete; its messages are in the output of `prooflight watch`"

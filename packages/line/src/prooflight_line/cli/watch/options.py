@@ -67,7 +67,7 @@ class InspectionOptions:
         typer.Option(
             "--stall",
             metavar="SECONDS",
-            help="Time without a line after which that is announced.",
+            help="Time without a line after which a warning is shown.",
             min=0.1,
             max=24 * HOUR_S,
         ),
@@ -93,7 +93,7 @@ class RecordOptions:
         ),
     ] = 0.0
     customer: Annotated[
-        str, typer.Option(metavar="NAME", help="For whom the job is; the console searches by it.")
+        str, typer.Option(metavar="NAME", help="Customer of the job; the console can search for it.")
     ] = ""
 
 
@@ -105,7 +105,7 @@ class LineOptions:
         int | None,
         typer.Option(
             metavar="LINES",
-            help="Lines from page to page; default sheets are found by their edges.",
+            help="Lines from page to page; default: sheets are detected by their edges.",
             min=1,
             max=MOST_LINES,
         ),
@@ -208,7 +208,7 @@ class StartOptions:
         typer.Option("--started", metavar="KEY", hidden=True, help="With --queue: print this job alone."),
     ] = ""
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue the journal's last run, which broke off.")
+        bool, typer.Option("--resume", help="Continue the journal's last run, which was interrupted.")
     ] = False
 
 

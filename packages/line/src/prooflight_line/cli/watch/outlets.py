@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from prooflight_line.plant.stream import EventStream
     from prooflight_line.run.notices import Notice
 
-REMEDY: Final = "see `prooflight plant check`, mend it, or take its block out of [plant]"
+REMEDY: Final = "see `prooflight plant check`, correct it, or remove its block from [plant]"
 
 
 def outlets_in(plant: PressFile | None, press: str) -> list[Outlet]:

@@ -102,7 +102,7 @@ def _run_facts(options: WatchOptions, inspector: Inspector, read: ReadJob) -> Ru
 
 def _resumption(options: WatchOptions, facts: RunFacts, read: ReadJob) -> Resumption:
     if options.source.startswith("replay:"):
-        what = "recorded scans begin with the first again"
+        what = "recorded scans start again with the first one"
         raise RequestError("--resume", what, remedy="leave out --resume to inspect them all")
     return Resumption.last_of(
         options.record.journal,

@@ -63,7 +63,7 @@ class Resumption:
             raise RequestError("--resume", "a run is resumed from its journal", remedy="give --journal")
         path = journal_path(journal or str(default_journal()))
         if writer_lives(path):
-            raise RequestError(path, "another process still watches its run", remedy="end that one first")
+            raise RequestError(path, "another process still watches its run", remedy="end that process first")
         with Journal.open(str(path), read_only=True) as opened:
             run = opened.last_run()
             _refuse_other(path, run, facts)
@@ -113,7 +113,7 @@ class Resumption:
     @property
     def message(self) -> str:
         """Message for people, in one line."""
-        text = f"run {self.run_id}, which had broken off, goes on at sheet {self.past.first_sheet}"
+        text = f"run {self.run_id}, which was interrupted, continues at sheet {self.past.first_sheet}"
         return f"{text}; {len(self.lost)} verdicts before it were lost" if self.lost else text
 
 
@@ -141,6 +141,6 @@ def _refuse_other(journal: Path, run: RunRow, facts: RunFacts) -> None:
         },
     }
     if others := [name for name, is_same in same.items() if not is_same]:
-        what = f"run {run.id} was begun with another: {', '.join(others)}"
+        what = f"run {run.id} was started with another: {', '.join(others)}"
         remedy = f"give the command of that run (job {before.job}, press {before.press}), or {NEW_RUN}"
         raise RequestError(journal, what, remedy=remedy)

@@ -330,6 +330,6 @@ def recorder_of(
     ):
         if (aside := set_aside(opened.path, recorder.run_id)) is not None:
             faults.report(
-                f"{aside} is the gate's log of a run that this journal does not know; it was put aside"
+                f"{aside} is the gate's log of a run that is not in this journal; it was moved there"
             )
         yield recorder

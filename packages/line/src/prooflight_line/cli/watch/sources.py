@@ -134,11 +134,11 @@ def _refuse_unaligned(settings: Path | None, press: Press) -> None:
     offsets = PressFile.read(settings).sensor_offsets()
     if len(offsets) != len(press.sensors):
         what = f"has {len(offsets)} sensors, press {press.name} has {len(press.sensors)}"
-        raise RequestError(settings, what, remedy="name the press file that the press was built from")
+        raise RequestError(settings, what, remedy="give the press file from which the press was built")
     mismatch = disagreement([sensor.footprint for sensor in press.sensors], offsets, press.geometry)
     if mismatch is not None:
         place, built, stated = mismatch
-        what = f"says that sensor {place + 1} lies {stated:+.2f} beside whole lines or pixels"
+        what = f"states that sensor {place + 1} is offset by {stated:+.2f} from whole lines or pixels"
         remedy = f"press {press.name} was built for {built:+.2f}: build it again from this file"
         raise RequestError(settings, what, remedy=remedy)
 
@@ -196,14 +196,14 @@ def _one_camera(name: str, wanted: CameraSettings, settings: Path | None) -> Cam
 
 
 def drum_rate(text: str, rest: str) -> float:
-    """Return the speed of ``drum:...`` [pages/s]; RequestError if it names no speed."""
+    """Return the speed of ``drum:...`` [pages/s]; RequestError if it is not a speed."""
     try:
         rate = float(rest)
     except ValueError:
         rate = float("nan")
     if not SLOWEST <= rate <= FASTEST:
         remedy = f"write e.g. drum:5 [pages/s], from {SLOWEST:g} to {FASTEST:g}"
-        raise RequestError("source", f"{text!r} names no speed", remedy=remedy)
+        raise RequestError("source", f"{text!r} is not a speed", remedy=remedy)
     return rate
 
 

@@ -230,8 +230,8 @@ class Watching:
         if unseen := status.not_inspected:
             parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
         if status.unvouched:
-            text = f"{count(status.unvouched, 'sheet')} well printed, but not released"
-            parts.append(f"{text}: lines of it were lost, or it came out of its place")
+            text = f"{count(status.unvouched, 'sheet')} printed well, but not released manually"
+            parts.append(f"{text}: lines were lost, or the order was wrong")
         if too_late := self.too_late():
             parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:

@@ -93,14 +93,14 @@ def _check_resources(document: Document) -> None:
             if document.name(resource):
                 for attribute in ("ID", "Class", "Status"):
                     if not resource.get(attribute):
-                        what, remedy = f"has no {attribute}", f"state its {attribute}, as CIP4 asks"
+                        what, remedy = f"has no {attribute}", f"state its {attribute}, as CIP4 requires"
                         raise document.refusal(resource, what, remedy)
     for pool in document.every("ResourceLinkPool"):
         for link in pool.iterchildren():
             if not document.name(link):
                 continue
             if link.get("rRef") not in ids:
-                what = f"refers to {link.get('rRef') or 'nothing'}, which is not there"
+                what = f"refers to {link.get('rRef') or 'nothing'}, which does not exist"
                 raise document.refusal(link, what, "give rRef the ID of a resource")
             if link.get("Usage") not in ("Input", "Output"):
                 raise document.refusal(link, "has no Usage", "state Usage, Input or Output")
@@ -109,10 +109,10 @@ def _check_resources(document: Document) -> None:
 def _refuse_imposed(document: Document) -> None:
     remedy = f"send an imposed PDF, or state its {PREFIX}layout as GeneralID"
     for each in document.every(*IMPOSED):
-        raise document.refusal(each, "imposes pages in a way that is not read here", remedy)
+        raise document.refusal(each, "imposes pages in a way that is not supported", remedy)
     for each, scheme in document.stated("PageDistributionScheme", "LayoutPreparationParams"):
         if scheme not in SCHEMES:
-            raise document.refusal(each, f"distributes pages by {scheme}, which is not read here", remedy)
+            raise document.refusal(each, f"distributes pages by {scheme}, which is not supported", remedy)
 
 
 def _spans(document: Document, intent: str, name: str) -> list[tuple[Element, str]]:

@@ -23,6 +23,6 @@ def read_ticket(path: Path, *, folder: Path | None = None) -> Ticket:
     root = document.root
     expected, read = readers.get(document.namespace, ("", None))
     if read is None or document.name(root) != expected:
-        what = f"is no ticket: {document.namespace or 'no namespace'}"
+        what = f"is not a ticket: {document.namespace or 'no namespace'}"
         raise document.refusal(root, what, f"send XJDF 2.x ({xjdf.NAMESPACE}) or JDF 1.x ({jdf.NAMESPACE})")
     return read(document, folder or path.parent)

@@ -96,12 +96,12 @@ def sides(document: Document, element: Element, text: str) -> str:
 
 def adjacent_file(document: Document, element: Element, url: str, folder: Path) -> str:
     """Return the name of the file that a URL names; JobError: it does not lie directly in ``folder``."""
-    remedy = "name a file that lies beside the ticket, as job.pdf"
+    remedy = "name a file next to the ticket, such as job.pdf"
     try:
         parts = urlsplit(url)
         path = unquote(parts.path, errors="strict")
     except (ValueError, UnicodeDecodeError):
-        raise document.refusal(element, f"URL {shortly(url)!r} is no address", remedy) from None
+        raise document.refusal(element, f"URL {shortly(url)!r} is not an address", remedy) from None
     name = PurePosixPath(path).name
     adjacent = path in (name, f"./{name}") and not parts.scheme
     if parts.scheme == "file" and parts.netloc in ("", "localhost"):
@@ -148,7 +148,7 @@ def layout_text(document: Document, element: Element, stated: Iterable[str], sta
     for part in filter(None, stated_layout.split(",")):
         key, _, value = (piece.strip() for piece in part.partition("="))
         if given.setdefault(key, value) != value:
-            what = f"{PREFIX}layout says {key}={value}, and the ticket {key}={given[key]}"
+            what = f"{PREFIX}layout states {key}={value}, and the ticket {key}={given[key]}"
             raise document.refusal(element, what, "state it once")
     text = ",".join(f"{key}={value}" for key, value in given.items())
     return _layout(document, element, text) if text else ""

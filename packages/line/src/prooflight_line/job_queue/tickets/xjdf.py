@@ -87,14 +87,14 @@ def _check_names(document: Document) -> None:
         for child in holder.iterchildren():
             name = document.name(child)
             if name and name not in ("AmountPool", "Comment", "GeneralID", "Part", set_name):
-                what = f"stands in {document.shown(holder)} of {set_name}"
+                what = f"is in {document.shown(holder)} of {set_name}"
                 raise document.refusal(child, what, "give both the same name")
 
 
 def _refuse_imposed(document: Document) -> None:
     for resources in document.every("ResourceSet"):
         if resources.get("Name") in IMPOSED:
-            what = f"imposes pages by {resources.get('Name')}, which is not read here"
+            what = f"imposes pages by {resources.get('Name')}, which is not supported"
             remedy = f"send an imposed PDF, or state its {PREFIX}layout as GeneralID"
             raise document.refusal(resources, what, remedy)
 

@@ -92,7 +92,9 @@ class Document:
                 continue
             for attribute in rule.needs:
                 if not element.get(attribute, "").strip():
-                    raise self.refusal(element, f"has no {attribute}", f"state its {attribute}, as CIP4 asks")
+                    raise self.refusal(
+                        element, f"has no {attribute}", f"state its {attribute}, as CIP4 requires"
+                    )
             self._check_children(element, rule)
         for audits in list(self.every("AuditPool")):  # what was, is not what is ordered
             audits.getparent().remove(audits)
@@ -107,12 +109,12 @@ class Document:
                 continue
             if name not in rule.order:
                 remedy = f"{self.shown(element)} has {', '.join(rule.order)}"
-                raise self.refusal(child, f"does not belong into {self.shown(element)}", remedy)
+                raise self.refusal(child, f"is not allowed in {self.shown(element)}", remedy)
             if rule.order.index(name) < place:
-                what = f"stands behind {rule.order[place]}"
+                what = f"comes after {rule.order[place]}"
                 raise self.refusal(child, what, f"put them in the order {', '.join(rule.order)}")
             if name in rule.once and name in seen:
-                raise self.refusal(child, "stands there twice", f"keep one {name}")
+                raise self.refusal(child, "appears twice", f"leave only one {name}")
             place = rule.order.index(name)
             seen.add(name)
 
@@ -131,10 +133,10 @@ def parsed(path: Path) -> Document:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
         line = error.position[0] or 1
-        what = f"is no XML ({shortly(str(error.msg))})"
+        what = f"is not XML ({shortly(str(error.msg))})"
         raise JobError(f"{path.name}, line {line}", what, remedy=AGAIN) from None
     except ValueError as error:
-        raise JobError(path.name, f"is no XML ({shortly(str(error))})", remedy=AGAIN) from None
+        raise JobError(path.name, f"is not XML ({shortly(str(error))})", remedy=AGAIN) from None
     if root.getroottree().docinfo.internalDTD is not None:
         raise JobError(path.name, "declares a document type", remedy="send it without <!DOCTYPE")
     if sum(1 for _ in root.iter()) > MOST_ELEMENTS:

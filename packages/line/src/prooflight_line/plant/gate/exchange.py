@@ -151,7 +151,7 @@ class Exchange(Waiting):
             if aligned:
                 self._step(Event.ALIGNED, "")
             else:
-                self._step(Event.MISALIGNED, "the encoder and the camera's lines do not go together")
+                self._step(Event.MISALIGNED, "the encoder and the camera's lines do not agree")
             self._fault = {State.JOINING: Fault.NOT_TAKEN, State.ALIGNING: Fault.ENCODER}.get(
                 self._state, Fault.NONE
             )

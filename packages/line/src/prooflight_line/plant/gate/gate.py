@@ -76,7 +76,7 @@ def refuse_near(settings: GateSettings, travel: Travel, *, where: object) -> Non
     """Raise PlantError if sheets reach the gate before their verdicts can; ``where`` is the press file."""
     if travel.spare_s < 0:
         what = (
-            f"[gate] distance_mm = {settings.distance_mm:g} is nearer than the verdict can be: sheets of "
+            f"[gate] distance_mm = {settings.distance_mm:g} is too short for the verdict: sheets of "
             f"{travel.sheet_mm:.0f} mm at {travel.speed_mm_s:.0f} mm/s need {travel.least_mm:.0f} mm"
         )
         raise PlantError(where, what, remedy="move the gate, run slower, or give a shorter --deadline")

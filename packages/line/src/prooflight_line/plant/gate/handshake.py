@@ -29,12 +29,12 @@ class State(StrEnum):
 class Event(StrEnum):
     """Event that changes the state."""
 
-    CONNECTED = "the map is the right one"
+    CONNECTED = "the map is correct"
     TAKEN = "session_taken = session"
-    ALIGNED = "encoder and lines go together"
-    MISALIGNED = "encoder and lines do not go together"
+    ALIGNED = "encoder and lines agree"
+    MISALIGNED = "encoder and lines do not agree"
     DROPPED = "session_taken is another"
-    LOST = "no answer in time, or plc_heartbeat stands still"
+    LOST = "no answer in time, or plc_heartbeat has stopped"
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ class Wire:
         self._broken = ModbusException, OSError, AttributeError  # AttributeError: closed within an answer
         self._client = ModbusTcpClient(plc.host, port=plc.port, timeout=plc.timeout_ms / 1e3, retries=0)
         if not self._client.connect():  # type: ignore[no-untyped-call]
-            remedy = "see that it is on, that [gate.plc] host and port are its own, and that no firewall is between"
+            remedy = "check that it is on, that [gate.plc] states its host and port, and that no firewall blocks them"
             raise PlantError(plc.where, "no controller answers", remedy=remedy)
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class Wire:
         shown = self.read()
         if (map_id := shown.values["map_id"]) != MAP_ID:
             at = self._plc.first_register + READ_FROM
-            raise self._wrong(f"register {at} holds {map_id:#06x}, not {MAP_ID:#06x}")
+            raise self._wrong(f"register {at} contains {map_id:#06x}, not {MAP_ID:#06x}")
         if (version := shown.values["map_version"]) not in (1, MAP_VERSION):
             raise self._wrong(f"its map has version {version}, this program's {MAP_VERSION}")
         self._shown_words = READ_WORDS + (RING if version > 1 else 0)
@@ -105,14 +105,16 @@ class Wire:
         except self._broken as error:
             ms = self._plc.timeout_ms
             raise PlantError(
-                self._plc.where, f"no answer within {ms} ms", remedy="see what holds it"
+                self._plc.where, f"no answer within {ms} ms", remedy="check what delays it"
             ) from error
         if answer.isError():
             raise self._wrong(f"it refuses register or coil {what[0]} ({answer})")
         return answer
 
     def _wrong(self, what: str) -> PlantError:
-        remedy = "lay the map of docs/reference/registers.md there, or set [gate.plc] first_register and unit"
+        remedy = (
+            "provide the map of docs/reference/registers.md there, or set [gate.plc] first_register and unit"
+        )
         return PlantError(self._plc.where, what, remedy=remedy)
 
 
@@ -161,7 +163,7 @@ class RegisterProtocol:
         request_s = self._clock()
         shown = wire.read()
         if not self._exchange.answered(shown, request_s=request_s, answered_s=self._clock()):
-            raise PlantError("PLC", "its heartbeat stands still", remedy="see whether it runs")
+            raise PlantError("PLC", "its heartbeat has stopped", remedy="check whether it runs")
         if self._exchange.dropped(session=_session(shown.values["session_taken"], self._exchange.session)):
             self.wake.set()
 

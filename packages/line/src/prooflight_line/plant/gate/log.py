@@ -85,7 +85,7 @@ class GateLog:
             except OSError as error:
                 if not self.dropped:
                     why = error.strerror or error
-                    _log.warning("the gate's log cannot be written (%s); sheets go on to the gate", why)
+                    _log.warning("the gate's log cannot be written (%s); sheets continue to the gate", why)
                 self.dropped += 1
 
     def close(self) -> None:
@@ -114,9 +114,9 @@ def rows_of(path: Path) -> Iterator[dict[str, Any]]:
         except (ValueError, RecursionError) as error:
             if number == len(lines):
                 return
-            raise PlantError(path, f"line {number} is no JSON", remedy="take it out") from error
+            raise PlantError(path, f"line {number} is not JSON", remedy="remove it") from error
         if not isinstance(row, dict) or not isinstance(row.get("kind"), str):
-            raise PlantError(path, f"line {number} is no line of a gate's log", remedy="take it out")
+            raise PlantError(path, f"line {number} is not a line of a gate's log", remedy="remove it")
         yield row
 
 
@@ -154,7 +154,7 @@ class LoggedDecisions:
             try:
                 decisions._add(row)
             except (KeyError, TypeError) as error:
-                raise PlantError(path, f"a line lacks {error}", remedy="take it out") from error
+                raise PlantError(path, f"a line lacks {error}", remedy="remove it") from error
         return decisions
 
     def _add(self, row: dict[str, Any]) -> None:

@@ -135,7 +135,7 @@ def read_trays(path: Path) -> list[Tray]:
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RequestError(path, f"row {number}: {error}", remedy=TRAY_FILES.remedy) from error
         if tray not in ("good", "reject"):
-            raise RequestError(path, f"row {number}: tray is {tray!r}", remedy="good or reject are known")
+            raise RequestError(path, f"row {number}: tray is {tray!r}", remedy="good and reject are allowed")
         trays.append(Tray(session=session, tag=tag, tray=tray, count=count, why=why))
     return trays
 
@@ -244,7 +244,7 @@ def _rows(text: str, path: Path) -> Iterable[Any]:
         except (ValueError, RecursionError) as error:
             if number == len(lines) > 1 and not text.endswith("\n"):
                 break  # the controller is writing it
-            raise RequestError(path, f"is no JSON ({error})", remedy=TRAY_FILES.remedy) from error
+            raise RequestError(path, f"is not JSON ({error})", remedy=TRAY_FILES.remedy) from error
     return rows
 
 

@@ -106,7 +106,7 @@ def _opcua(block: OpcuaBlock, path: Path, press: str) -> Outlet:
     for name, file in (("certificate_file", certificate), ("key_file", key)):
         if file is not None and not file.is_file():
             what = f"plant.opcua.{name}: there is no file {file}"
-            raise PressFileError(path, what, remedy="name a file beside the press file")
+            raise PressFileError(path, what, remedy="name a file next to the press file")
     return OpcUa(
         host=host,
         port=port,

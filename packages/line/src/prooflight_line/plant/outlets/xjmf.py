@@ -147,7 +147,7 @@ class XjmfAnswers(_RunFacts):
         try:
             messages = xjmf.messages(xjmf.read(data))
         except ValueError as error:
-            return refused("Notification", f"this is no XJMF: {error}", xjmf.NOT_XML)
+            return refused("Notification", f"this is not XJMF: {error}", xjmf.NOT_XML)
         if len(messages) != 1:
             return refused("Notification", "one query at a time is answered", xjmf.UNSUPPORTED)
         kind, query = messages[0]
@@ -164,10 +164,10 @@ class XjmfAnswers(_RunFacts):
         resource = None if parameters is None else parameters.get("ResourceName")
         if resource not in (None, xjmf.RESOURCE):
             return refused(
-                "Resource", f"{resource} is not known here, only {xjmf.RESOURCE}", xjmf.INVALID, query_id
+                "Resource", f"{resource} is unknown here, only {xjmf.RESOURCE}", xjmf.INVALID, query_id
             )
         if xjmf.part(query, "Subscription") is not None:
-            text = "subscriptions stand in the press file, [plant.xjmf] url"
+            text = "subscriptions are in the press file, [plant.xjmf] url"
             return refused("Resource", text, xjmf.UNSUPPORTED, query_id)
         return xjmf.response(
             list(self.sheets),

@@ -65,7 +65,7 @@ def signals(
     """
     sheets = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
     if not sheets:
-        message = "no sheet was judged"
+        message = "no sheet has a verdict"
         raise ValueError(message)
     root = root_of(device_id, sheets[-1][0].time_s)
     for event, sheet in sheets:

@@ -302,8 +302,8 @@ class Readings:
         if page >= one.due:
             return "missing", f"page {page + 1} came where page {one.due + 1} was expected"
         if one.is_waiting(page) or page in self.missing or page >= one.settled:
-            return "out-of-order", f"page {page + 1} came behind page {(self.last or 0) + 1}"
-        again = "again" if page == self.last else f"again, behind page {(self.last or 0) + 1}"
+            return "out-of-order", f"page {page + 1} came after page {(self.last or 0) + 1}"
+        again = "again" if page == self.last else f"again, after page {(self.last or 0) + 1}"
         return "repeated", f"page {page + 1} came {again}"
 
 

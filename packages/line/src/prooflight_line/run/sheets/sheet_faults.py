@@ -49,9 +49,7 @@ def splice_fault(fit: Fit, *, start_line: int, line_pitch_mm: float) -> Fault | 
     if not TAPE_MM[0] <= height_mm <= TAPE_MM[1]:
         return None
     first = start_line + (rows[0] - fit.box[0]) * SHRINK
-    return Fault(
-        kind="splice", first_line=first, detail=f"a tape of {height_mm:.0f} mm lies across the sheet"
-    )
+    return Fault(kind="splice", first_line=first, detail=f"a tape of {height_mm:.0f} mm crosses the sheet")
 
 
 def _straight(rows: NDArray[np.float64], drop: NDArray[np.float64]) -> float:

@@ -107,13 +107,13 @@ def _label_all_and_undo(hand: Hand) -> None:
 
 
 JOURNEYS: Final = (
-    Journey(name="from an alarm to what is wrong", most_clicks=1, most_s=5.0, walk=_alarm),
+    Journey(name="the defect of an alarm", most_clicks=1, most_s=5.0, walk=_alarm),
     Journey(name="all streaks of the last week", most_clicks=3, most_s=None, walk=_streaks_of_a_week),
     Journey(
         name="the sheets of the most frequent defect", most_clicks=3, most_s=None, walk=_most_frequent_defect
     ),
     Journey(
-        name="these streaks labelled, and that undone",
+        name="a label for these streaks, and its withdrawal",
         most_clicks=5,
         most_s=None,
         walk=_label_all_and_undo,
@@ -134,9 +134,7 @@ def _kind_in_flood(hand: Hand) -> None:
 
 FLOOD_ALARMS: Final = 1000
 FLOOD: Final = (
-    Journey(
-        name="of a flood of 1,000 alarms, the most urgent", most_clicks=1, most_s=5.0, walk=_next_in_flood
-    ),
+    Journey(name="the most urgent alarm of a flood of 1,000", most_clicks=1, most_s=5.0, walk=_next_in_flood),
     Journey(name="all of its alarms of one kind", most_clicks=1, most_s=None, walk=_kind_in_flood),
 )
 """Each alarm is a spot at a place of its own."""

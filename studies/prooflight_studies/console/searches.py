@@ -139,7 +139,7 @@ def _searches() -> Iterator[tuple[str, SheetSearch]]:
         "good sheets of a day",
         SheetSearch(verdict="good", since_s=FIRST_S + DAY_S, until_s=FIRST_S + 2 * DAY_S),
     )
-    yield "nothing: no such place", SheetSearch(defect=DefectConditions(x_mm=5000.0, y_mm=5000.0))
+    yield "no hit: no such location", SheetSearch(defect=DefectConditions(x_mm=5000.0, y_mm=5000.0))
 
 
 def _week(search: SheetSearch) -> SheetSearch:

@@ -309,8 +309,8 @@ def _method() -> str:
     bands = ", ".join(f"{centre:.0%}" for centre in BAND_CENTRES)
     return (
         f"The truth is `page_electrons` (36 bands, each its own round diffraction) on the page ripped from vector at"
-        f" {TRUTH} raster pixels a camera pixel, in {len(BAND_CENTRES)} bands {BAND_MM:g} mm high about {bands} of the"
-        f" page's height, as wide as the field. Up to s = {SUPERSAMPLINGS[-1]} whole pages are ripped and predicted as"
-        " a press does, with the truth's left edge laid where the predicted raster's is. A pixel is at an edge where"
-        f" the truth spans more than {EDGE_CONTRAST:.0%} of white in its 3 x 3 neighbourhood."
+        f" {TRUTH} raster pixels per camera pixel, in {len(BAND_CENTRES)} bands {BAND_MM:g} mm high about {bands} of"
+        f" the page's height, as wide as the field. Up to s = {SUPERSAMPLINGS[-1]} whole pages are ripped and predicted"
+        " as by a press, with the left edges of truth and predicted raster aligned. A pixel is at an edge where"
+        f" the truth varies by more than {EDGE_CONTRAST:.0%} of white in its 3 x 3 neighbourhood."
     )

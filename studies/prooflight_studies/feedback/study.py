@@ -269,19 +269,19 @@ def _naive(
 
 
 def _results(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> FeedbackResults:
-    rows = [_row("as taught", None, [(pool.threshold, 0, one.before) for one in lived])]
+    rows = [_row("as trained", None, [(pool.threshold, 0, one.before) for one in lived])]
     for labelled in LABELLED:
         reached = [one.by_labelled[labelled] for one in lived if labelled in one.by_labelled]
         if reached:
             rows.append(_row("sample and alarms, weighted", labelled, reached))
-    rows.append(_row("every good print told", None, [(one.every[0], 0, one.every[1]) for one in lived]))
+    rows.append(_row("all good prints labelled", None, [(one.every[0], 0, one.every[1]) for one in lived]))
     for labelled in LABELLED:
         if came := [one.alone[labelled] for one in lived if labelled in one.alone]:
-            rows.append(_row("the same words on alarms alone", None, came))
+            rows.append(_row("labels of alarms only", None, came))
     for week in (1, WEEKS):
         of_week = [(*one.naive[week - 1], week) for one in lived]
         sheets = week * DAYS_A_WEEK * SHEETS_A_DAY
-        way = f"alarms of one week alone, after week {week}"
+        way = f"alarms of one week only, after week {week}"
         rows.append(_row(way, None, [(threshold, sheets, judged) for threshold, judged, _ in of_week]))
     missed, rate = (np.array([getattr(one, name) for one in lived]) for name in ("missed", "rate"))
     return FeedbackResults(

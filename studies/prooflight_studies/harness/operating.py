@@ -26,8 +26,8 @@ PERCENTILES: Final = (2.5, 97.5)
 SURE: Final = 0.95
 """Confidence level of a rate's one-sided bound by count."""
 BOUND_NOTE: Final = (
-    f"Behind a count, in brackets: what its rate lies below with {100 * SURE:g} % certainty, as if each were "
-    "independent of the others (Clopper and Pearson 1934, one-sided)."
+    f"In brackets after a count: upper limit of its rate with {100 * SURE:g} % confidence, if the events are "
+    "independent (Clopper and Pearson 1934, one-sided)."
 )
 """Explanation that accompanies every rate that ``counted`` formats."""
 

@@ -33,10 +33,10 @@ WHAT: Final = {
     "slow": "a PDF that is written slowly, with a pause in its middle",
     "copy": "the content of another job under another name",
     "cut": "a PDF that was cut off",
-    "no job": "a file that is no job",
-    "ticket": "a PDF and its ticket, either first",
+    "no job": "a file that is not a job",
+    "ticket": "a PDF and its ticket, in either order",
     "bad ticket": "a PDF and a ticket that cannot be used",
-    "ticket alone": "a ticket whose PDF never comes",
+    "ticket alone": "a ticket whose PDF does not arrive",
     "ordered twice": "a PDF that was ordered before, under another job's ID",
     "ordered again": "the same PDF and ticket once more",
 }

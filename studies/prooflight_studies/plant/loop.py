@@ -137,7 +137,7 @@ def loops(
     rules: list[tuple[str, float | None, int | None, tuple[float, float], int]] = [
         ("no corrections", None, None, full, runs),
         ("as offered", 0.5, None, response, runs),
-        ("as offered, were deviations stated in full", 0.5, None, full, fewer),
+        ("as offered, if deviations were recorded in full", 0.5, None, full, fewer),
         ("the same, undamped", 1.0, None, full, fewer),
         ("the same, every 3 sheets without waiting", 1.0, 3, full, fewer),
     ]

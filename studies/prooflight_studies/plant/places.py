@@ -44,13 +44,15 @@ def errors_of(prints: Sequence[DefectPrint], geometry: ScanGeometry) -> list[Err
     spots = [one for one in prints if one.what == "spot"]
     found = [(one, mark) for one in spots if (mark := _mark(one, geometry)) is not None]
     rows = [
-        _errors("place of a spot, across", "mm", len(spots), [mark.x_mm - one.x_mm for one, mark in found]),
-        _errors("place of a spot, along", "mm", len(spots), [mark.y_mm - one.y_mm for one, mark in found]),
+        _errors(
+            "position of a spot, across", "mm", len(spots), [mark.x_mm - one.x_mm for one, mark in found]
+        ),
+        _errors("position of a spot, along", "mm", len(spots), [mark.y_mm - one.y_mm for one, mark in found]),
     ]
     for what, name in (("nozzle", "failing nozzle"), ("scratch", "line of 0.4 mm")):
         own = [one for one in prints if one.what == what]
         off = [place - one.x_mm for one in own if (place := _streak_mm([one], geometry)) is not None]
-        rows.append(_errors(f"place of a {name}, one sheet", "mm", len(own), off))
+        rows.append(_errors(f"position of a {name}, one sheet", "mm", len(own), off))
     density = [one for one in prints if one.what == "density"]
     off = [100 * (amount - (WEAKER - 1)) for amount in _amounts(density, "gain-{}")]
     rows.append(_errors("density of an ink that is 15 % weaker", "%", len(density), off))
@@ -60,7 +62,9 @@ def errors_of(prints: Sequence[DefectPrint], geometry: ScanGeometry) -> list[Err
     good = [one.amounts for one in prints if one.what == "good"]
     for name, scale, unit in (("gain", 100.0, "%"), ("register", 1.0, "mm")):
         values = [scale * value for amounts in good for key, value in amounts.items() if key.startswith(name)]
-        rows.append(_errors(f"{name} of good prints, with what they really vary", unit, len(good), values))
+        rows.append(
+            _errors(f"{name} of good prints, including their actual variation", unit, len(good), values)
+        )
     return rows
 
 

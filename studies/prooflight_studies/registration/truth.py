@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from prooflight.simulation.prints import Print
 
 TRUTH_NOTE: Final = (
-    "the sheet's drawn placement and, since content moves with the ink planes, the one shift that comes closest to "
-    "their drawn register: over all pixels, in units of the noise, by how the expected signal answers to a plane that "
-    "moves (a plane that is not printed moves nothing). Nothing of it is taken from what was found; of what was found, "
-    "the placement and the planes, in the truth's mix, are compared with it"
+    "the sheet's simulated placement and, since content moves with the ink planes, the single shift that is closest "
+    "to their simulated register: over all pixels, in units of the noise, weighted by the change of the expected "
+    "signal when a plane moves (a plane that is not printed changes nothing). It does not depend on the measured "
+    "positions; the measured placement and planes, weighted as in the truth, are compared with it"
 )
 """Explanation of the truth on the page of results."""
 

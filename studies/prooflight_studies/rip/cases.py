@@ -131,7 +131,7 @@ CASES: Final = (
         page="/Group<</S/Transparency/CS/DeviceRGB>>",
     ),
     Case(
-        name="a layer whose usage nobody asks for",
+        name="a layer whose usage is not requested",
         clause="8.11.4.4",
         content=f"/OC /OC BDC 1 0 0 0 k {ALL} EMC",
         inks=(255, 0, 0, 0),

@@ -65,13 +65,13 @@ HANDED: Final = (
         number="02a", what="resources inherited", clause="7.7.3.4", before="refused as damaged", right=GOLD
     ),
     Handed(number="02b", what="a space named P", clause="7.8.3", before="refused as damaged", right=GOLD),
-    Handed(number="03a", what="no JPEG", clause="7.4.8", before="K 255, nothing said", warning=REFUSED),
-    Handed(number="03b", what="JPEG cut off", clause="7.4.8", before="K 255, nothing said", warning=REFUSED),
+    Handed(number="03a", what="no JPEG", clause="7.4.8", before="K 255, no warning", warning=REFUSED),
+    Handed(number="03b", what="JPEG cut off", clause="7.4.8", before="K 255, no warning", warning=REFUSED),
     Handed(
         number="03d",
         what="font not embedded",
         clause="9.9",
-        before="nothing said",
+        before="no warning",
         warning="font-substituted",
     ),
     Handed(number="04a", what="Separation None", clause="8.6.6.4", before="erased to paper", right=CYAN),

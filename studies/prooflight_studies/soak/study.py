@@ -248,7 +248,7 @@ def compared(
         count["in_step"] += in_step
         if fault.kind not in near or not in_step:
             notes.append(
-                f"{fault}: said {', '.join(sorted(near)) or 'nothing'}, {'' if in_step else 'not '}in step"
+                f"{fault}: reported {', '.join(sorted(near)) or 'nothing'}, {'' if in_step else 'not '}in step"
             )
     for place, (sheet, row, digest) in enumerate(zip(sheets, came, cut, strict=False)):
         if sheet.fault is not None:
@@ -258,7 +258,9 @@ def compared(
         odd = row.job_page is not None and digest != usual.get(row.job_page % len(usual))
         unlike += odd
         if row.faults or row.job_page != sheet.page:
-            notes.append(f"sheet {place}: said page {row.job_page} for {sheet.page}, {', '.join(row.faults)}")
+            notes.append(
+                f"sheet {place}: reported page {row.job_page} for {sheet.page}, {', '.join(row.faults)}"
+            )
     return SoakFigures(
         kinds=counts,
         sheets=len(sheets),

@@ -34,7 +34,7 @@ def test_the_page_names_each_case(tmp_path: Path) -> None:
     assert found.ours_right == found.ghostscript_right == 3
     page = (tmp_path / "rip.md").read_text()
     assert all(f"| {row.name} |" in page for row in found.rows)
-    assert "**Ours prints 3 of 3 right, Ghostscript 3**" in page
+    assert "**Our RIP renders 3 of 3 pages correctly, Ghostscript 3**" in page
 
 
 @pytest.mark.skipif(not HANDED_PDFS.is_dir(), reason="needs the PDFs in ../shared/pdf_cases")

@@ -174,14 +174,14 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
     for words in (
         "| aravis | 9,000 | 0 | 0 | 6 | 6 | 5 | 5 | 1 |",
         "viva: not measured, it is not installed.",
-        "| losses named on exactly their lines | 12 of 12 |",
+        "| losses reported on exactly their lines | 12 of 12 |",
         "| 5 | 1.5, 2.5, 1.9 | streak at x = 12 mm |",
         "1 of 3 prints alarm, 33.3 % (0.8 to 90.6 % by the count, at 95 %)",
-        "promises 1 %: chance may make as many of the promise.",
+        "guarantees 1 %: consistent with the guaranteed rate.",
         "| 2 | 3.1, 1.9 | `swap` | dark |",
         "| bayes | press | 2 of 2 | 8 | 0 | 3 | 1 | 0 | 0 | 1.000, - |",
         "| hung | 1 | 1.5 to 1.5 | 0.2 to 0.2 | 3 to 3 | 9 to 9 |",
-        "700 MB of memory when the absence begins and 701 MB at its end, 702 MB at most: +0.25 MB an hour.",
+        "700 MB of memory at the start of the disconnection, 701 MB at its end, and at most 702 MB: +0.25 MB per hour.",
         "| aravis | 34 | 33.9 | 8,300 | 0 | 0 | 4.00 | 13 % |",
     ):
         assert words in text

@@ -17,7 +17,7 @@ def page_with(**parts: Any) -> str:
 
 
 def test_journeys_are_stated_with_their_bounds() -> None:
-    row = {"journey": "from an alarm to what is wrong", "width": 390, "clicks": 1, "most_clicks": 1}
+    row = {"journey": "the defect of an alarm", "width": 390, "clicks": 1, "most_clicks": 1}
     row |= {"median_s": 0.81, "greatest_s": 1.02, "most_s": 5.0}
     journeys = {
         "rows": [row],
@@ -30,8 +30,8 @@ def test_journeys_are_stated_with_their_bounds() -> None:
         "load": 1.25,
     }
     page = page_with(journeys=journeys)
-    assert "| from an alarm to what is wrong | 390 px | 1 | 1 | 0.81 s | 1.02 s | 5 s |" in page
-    assert "load 1.25 a core" in page
+    assert "| the defect of an alarm | 390 px | 1 | 1 | 0.81 s | 1.02 s | 5 s |" in page
+    assert "load 1.25 per core" in page
     assert "(seed 547)" in page
 
 
@@ -43,7 +43,7 @@ def test_a_small_journal_is_searched_and_its_figures_are_stated() -> None:
     assert abs(counts["all that need review"] - 4040) < 4 * (20_000 * 0.2 * 0.8) ** 0.5
     assert 0 < counts["not inspected"] < 80
     assert 0 < counts["a kind in a week"] < counts["a kind"] < counts["all that need review"]
-    assert counts["nothing: no such place"] == 0
+    assert counts["no hit: no such location"] == 0
     assert 0 < counts["within 2 mm of a point"] < counts["an ink"]
     page = page_with(search=figures | {"cores": 2, "load": 0.5})
     assert "## Searches over a large journal" in page

@@ -92,7 +92,7 @@ def test_the_page_says_what_was_counted(tmp_path: Path, monkeypatch: pytest.Monk
     assert results.right == 16
     assert results.unlisted_right == 2
     page = (tmp_path / "plant.md").read_text()
-    assert "**16 of 16 causes were named right" in page
+    assert "**16 of 16 causes were identified correctly" in page
     table = [line for line in page.splitlines() if line.startswith("| fuser |")]
     assert len(table) == 1
     assert (tmp_path / "plant-causes.png").stat().st_size > 10_000
@@ -106,10 +106,10 @@ def test_a_library_that_lacks_something_is_refused() -> None:
 
 def test_errors_of_places() -> None:
     by_name = {one.what: one for one in errors_of(LIBRARY, GEOMETRY)}
-    across = by_name["place of a spot, across"]
+    across = by_name["position of a spot, across"]
     assert (across.measured, across.prints) == (2, 2)
     assert across.bias == pytest.approx(0.0)
-    assert by_name["place of a failing nozzle, one sheet"].bias == pytest.approx(-0.005)
+    assert by_name["position of a failing nozzle, one sheet"].bias == pytest.approx(-0.005)
     density = by_name["density of an ink that is 15 % weaker"]
     assert (density.measured, density.prints) == (1, 1)
 

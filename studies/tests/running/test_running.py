@@ -64,10 +64,10 @@ def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
     }  # fmt: skip
     page = page_of({"matched_filter": [row]}, cores=2)
     assert "| - | 3.25 | 0 | 0 | 4 | 300, 400, 410, 412 | 3000, 3010 | 13999 | 0.600 | 0.0010 |" in page
-    assert "promises at most one good page in 12." in page
-    assert "Late of" not in page
+    assert "guarantees at most one good page in 12." in page
+    assert "Late sheets of" not in page
     late = row | {"asked_pages_per_s": 5.0, "late": 2, "late_sheets": [[10, 837], [44, 501]]}
-    assert "Late of repeated designs, matched_filter: sheet 10 (837 ms), 44 (501 ms)." in page_of(
+    assert "Late sheets of repeated designs, matched_filter: sheet 10 (837 ms), 44 (501 ms)." in page_of(
         {"matched_filter": [late]}, cores=2
     )
 

@@ -119,9 +119,9 @@ def test_the_page_says_what_was_found() -> None:
     found = figures(*journal(s28=(28, ())))
     size = {"designs": 30, "templates": 2, "forms": 5}
     text = page_text({"study": "soak", **plain(soak_results(found, size, seed=1))})
-    assert "3 of 4 faults are named" in text
+    assert "3 of 4 faults are reported" in text
     assert "| slip | 2.5 to 15 mm | 1 | 0 | 1 |" in text
-    assert "a job of 40 pages" in text
+    assert "a job of 40 different pages" in text
 
 
 def test_a_sheet_is_as_it_passed() -> None:

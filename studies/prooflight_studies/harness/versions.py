@@ -11,7 +11,7 @@ from typing import Final
 ALGORITHMS: Final = {
     "corpus": 1,
     "golden": 2,
-    "matched filter": 7,
+    "matched filter": 6,
     "pages": 1,
     "paper": 1,
     "prediction": 2,

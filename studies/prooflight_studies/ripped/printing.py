@@ -27,7 +27,7 @@ from prooflight.simulation.halftone import averaged, dot_gain_factor
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
-from prooflight.simulation.worlds import amounts_of
+from prooflight.simulation.worlds import Amounts, amounts_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from prooflight.inspection.inspector import Prepared
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
-    from prooflight.simulation.worlds import World
     from prooflight_studies.harness.result_cache import Rows
 
 COPIES_A_PIECE: Final = 4
@@ -181,7 +180,7 @@ class PrintWork:
     def _session(self, press: Press, piece: PrintPiece, rip: OwnRip, copy: int) -> Session:
         day = piece.number // PAGES_A_DAY
         rng = stream(self.seed, "rip-day", int(piece.judged), day, copy)
-        session = Session.draw(amounts_of(press, _world(piece.world)), press, rng)
+        session = Session.draw(_amounts(press, piece.world), press, rng)
         # The row says how pages are screened, in every world.
         dots = 1.0 if rip.screen is None else dot_gain_factor(rip.screen, press.ink_light)
         return replace(session, screen=None, dots=dots)
@@ -341,8 +340,11 @@ def _none(number: int) -> Page:
     )
 
 
-def _world(name: str) -> World:
-    return "measured" if name == "measured" else "press"
+def _amounts(press: Press, world: str) -> Amounts:
+    """Return the variation of prints in a world, whichever of the two worlds the press file states."""
+    if world == "measured":
+        return amounts_of(press, "measured")
+    return Amounts.stated({name: value for name, value in press.variation.items() if name != "world"})
 
 
 @lru_cache(maxsize=1)

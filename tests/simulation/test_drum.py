@@ -212,7 +212,7 @@ def test_turns_say_what_passes() -> None:
 def test_faults_lie_on_the_job(faults: dict[int, Any]) -> None:
     with pytest.raises(RequestError, match="of 10"):
         turns(10, {sheet: DrumFault(kind=kind) for sheet, kind in faults.items()})
-    with pytest.raises(RequestError, match="apart"):
+    with pytest.raises(RequestError, match="without overlap"):
         turns(10, {3: DrumFault(kind="out-of-order"), 4: DrumFault(kind="blank")})
 
 

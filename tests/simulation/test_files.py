@@ -133,7 +133,7 @@ def test_scans_of_another_world_or_seed_are_not_mixed(
     path = tmp_path / "truth.json"
     write_truth(path, [task(1), task(2)], world="ideal", seed=9, press=task.press)
     same: dict[str, Any] = {"world": "ideal", "seed": 9, "press": task.press}
-    with pytest.raises(RequestError, match="tells of 1 scans of another world, seed or press"):
+    with pytest.raises(RequestError, match="describes 1 scans of another world, seed or press"):
         stored_truths(path, {"p0001"}, **(same | other))
 
 

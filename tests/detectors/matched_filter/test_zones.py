@@ -161,7 +161,7 @@ def test_without_zones_on_a_page_nothing_is_other(
 
 
 def test_another_detector_refuses_zones(trained_press: Press, page: Page) -> None:
-    with pytest.raises(RequestError, match="knows no zones"):
+    with pytest.raises(RequestError, match="does not support zones"):
         Inspector.of(trained_press, "chi-square", zones=calibrated(zoned(page, ignore())))
 
 

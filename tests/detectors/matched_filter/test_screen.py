@@ -184,7 +184,7 @@ def test_the_families_that_say_most_are_of_the_look_that_was_taken(taught: Detec
     assert found[0] == ("apart/void-", statistics[1])
     assert {one.statistic for _, one in found} <= {one.statistic for one in few}
     assert np.isfinite(taught.vector_of(few)).tolist() == [index in FIRST for index in range(len(NAMES))]
-    with pytest.raises(ValueError, match="not the statistics"):
+    with pytest.raises(ValueError, match="not the requested statistics"):
         taught.vector_of(few[1:])
 
 
@@ -239,7 +239,7 @@ def test_the_first_look_is_at_some_of_all_statistics_and_sees_them_alike(
         rest = remaining_statistics(shared.of_every_mode().sums, scatter, seen, order=order, threads=threads)
         assert keys_of(rest) == keys_of(every)
         np.testing.assert_allclose(values_of(rest), values_of(every), rtol=1e-5, atol=1e-5)
-    with pytest.raises(ValueError, match="not the statistics"):
+    with pytest.raises(ValueError, match="not the requested statistics"):
         remaining_statistics(again.sums, scatter, found[1:], order=order)
 
 

@@ -45,7 +45,7 @@ def test_an_endpoint_that_names_no_role_is_refused_when_the_console_is_made() ->
 
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     include(app, router)
-    with pytest.raises(EndpointError, match=r"GET /api/v1/everything does not say who may ask it"):
+    with pytest.raises(EndpointError, match=r"GET /api/v1/everything does not state who may call it"):
         refuse_unguarded(app)
 
 

@@ -196,7 +196,7 @@ def test_a_code_that_was_used_is_refused_by_the_provider_and_said(plant: Plant) 
     back = plant.begun(client)
     plant.provider.codes.clear()  # somebody was quicker
     answer = client.get(back, follow_redirects=False)
-    assert (answer.status_code, "did not take the code: invalid_grant no such code" in answer.text) == (
+    assert (answer.status_code, "did not accept the code: invalid_grant no such code" in answer.text) == (
         403,
         True,
     )

@@ -183,7 +183,7 @@ def test_a_gate_that_cannot_be_served_is_refused_before_the_run(
     ("gate", "plc", "what"),
     [
         ("", "", "no controller answers"),
-        ("", "first_register = 8", "register 40 holds"),
+        ("", "first_register = 8", "register 40 contains"),
         ("", "unit = 9", "it refuses register or coil 32"),
     ],
 )

@@ -160,7 +160,7 @@ def test_a_run_that_was_killed_goes_on_in_the_same_run(
     assert counts["good"] + counts["misprints"] == SHEETS
     assert counts["misprints"] == SHEETS // EVERY
     assert counts["journalled"] == SHEETS
-    assert any("had broken off" in note for row in rows for note in row.notes)
+    assert any("was interrupted" in note for row in rows for note in row.notes)
 
 
 def feed(pipe: Path, lines: bytes) -> None:

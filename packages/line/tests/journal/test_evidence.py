@@ -137,7 +137,7 @@ def test_links_among_evidence_are_left_and_told(path: Path, tmp_path: Path) -> N
     Journal.open(str(path), announce=said.append).close()
     assert contents(mine) == {"photo.raw": b"mine"}
     assert (evidence / "photos").is_symlink()
-    assert ["2 files that are no evidence" in line for line in said] == [True]
+    assert ["2 files that are not evidence" in line for line in said] == [True]
 
 
 def test_what_is_put_aside_overwrites_nothing(path: Path) -> None:

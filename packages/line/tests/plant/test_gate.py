@@ -292,7 +292,7 @@ def refusal(given: GateSettings) -> str:
 def test_an_unreachable_controller_is_refused_in_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
-    assert refusal(settings(port)).startswith(f"127.0.0.1:{port}: no controller answers; see that it is on")
+    assert refusal(settings(port)).startswith(f"127.0.0.1:{port}: no controller answers; check that it is on")
 
 
 def test_a_controller_that_takes_connections_and_answers_nothing_is_refused_in_one_line() -> None:
@@ -305,7 +305,7 @@ def test_a_controller_that_takes_connections_and_answers_nothing_is_refused_in_o
 def test_a_wrong_register_map_is_refused_in_one_line(server: PlcServer) -> None:
     given = settings(server.port)
     moved = replace(given, plc=replace(given.plc, first_register=8))
-    assert "register 40 holds" in refusal(moved)
+    assert "register 40 contains" in refusal(moved)
     beyond = replace(given, plc=replace(given.plc, first_register=500))
     assert "it refuses register or coil 532" in refusal(beyond)
 
@@ -316,7 +316,7 @@ def test_a_gate_nearer_than_the_verdict_can_be_is_refused() -> None:
         distance_mm=given.distance_mm, speed_mm_s=2000, sheet_mm=300, deadline_s=0.5, exchange_s=0.31
     )
     assert travel.spare_s == pytest.approx((DISTANCE_MM - 300) / 2000 - 0.81)
-    with pytest.raises(PlantError, match=r"distance_mm = 1200 is nearer .* need 1920 mm"):
+    with pytest.raises(PlantError, match=r"distance_mm = 1200 is too short .* need 1920 mm"):
         refuse_near(given, travel, where="press.toml")
     near_enough = Travel(
         distance_mm=travel.least_mm, speed_mm_s=2000, sheet_mm=300, deadline_s=0.5, exchange_s=0.31

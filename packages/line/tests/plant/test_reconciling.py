@@ -193,7 +193,7 @@ def test_a_log_that_cannot_be_written_is_said_once_and_stops_nothing(
             log.add("written", tag=tag)
         assert log.dropped == 3
     assert [one.message for one in caplog.records] == [
-        "the gate's log cannot be written (No space left on device); sheets go on to the gate"
+        "the gate's log cannot be written (No space left on device); sheets continue to the gate"
     ]
 
 

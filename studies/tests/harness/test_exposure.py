@@ -238,7 +238,7 @@ def test_pitches_that_do_not_divide_are_refused_with_the_resolution_to_use(camer
         RequestError, match=r"page p0001: has 1\.6\d+ raster pixels a camera line; rip at a whole"
     ):
         electrons_of(camera, page)
-    with pytest.raises(ValueError, match="a camera line apart"):
+    with pytest.raises(ValueError, match="spaced by a camera line"):
         page_electrons(
             camera,
             INKS,

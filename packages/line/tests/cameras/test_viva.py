@@ -108,7 +108,7 @@ def test_a_camera_that_another_program_has_taken_is_gone_though_its_lines_go_on(
     assert 0 < since < 100
 
 
-@pytest.mark.parametrize(("trigger", "why"), [("free", "has sent no line"), ("encoder", "does not answer")])
+@pytest.mark.parametrize(("trigger", "why"), [("free", "has sent no line"), ("encoder", "has not answered")])
 def test_lines_that_stop_are_noticed_while_the_camera_is_slow_to_answer(
     trigger: Any, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -305,7 +305,7 @@ def _results(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -
         taught=pool.guarantee,
         rows=rows,
         goal=[row for row in rows if row.told][-1] if any(row.told for row in rows) else rows[0],
-        alone=[row for row in rows if row.way.startswith("the same words")][-1],
+        alone=[row for row in rows if row.way == "labels of alarms only"][-1],
         refused_below=_least(),
         missed_covered=_covered(missed),
         missed_true=float(missed[:, 0].mean()),

@@ -82,7 +82,7 @@ class PackedArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WrittenArray:
-    """An array of a packed design that is kept as it is written."""
+    """An array of a packed design that stays written out."""
 
     array: NDArray[Any]
 
@@ -142,8 +142,13 @@ class PackedDesign:
         )
 
     @property
+    def occupied_bytes(self) -> int:
+        """Memory of its arrays that are written out. [bytes]"""
+        return sum(one.array.nbytes for one in self.arrays.values() if isinstance(one, WrittenArray))
+
+    @property
     def written_bytes(self) -> int:
-        """Memory that its arrays take when they are written out. [bytes]"""
+        """Memory that its other arrays will take when they are written out. [bytes]"""
         return sum(
             math.prod(one.shape) * np.dtype(one.dtype).itemsize
             for one in self.arrays.values()

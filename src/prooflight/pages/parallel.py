@@ -213,7 +213,7 @@ def in_order(
     Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it
     is sent once to each process, since it may hold a press. The first error is raised where its result would
     have come; work not begun by then is dropped. ``fewest`` is the number of items from which processes are
-    started. ``files`` names what ``work`` reads, for workers on other machines.
+    started; a daemonic process may start none. ``files`` names what ``work`` reads, for workers on other machines.
 
     If a process is killed, the work under way is repeated in half as many processes, and the item that is
     next in order runs alone first. ``killed`` returns the result of an item that kills its process even so;
@@ -223,6 +223,8 @@ def in_order(
         yield from processes.in_order(work, items, killed=killed, files=files)
         return
     waiting = list(items)
+    if processes is None and multiprocessing.current_process().daemon:
+        processes = 1
     processes = processes or os.cpu_count() or 1
     if processes == 1 or len(waiting) < fewest:
         _settle()

@@ -109,9 +109,9 @@ def test_light_that_is_followed_reaches_the_workers(
 
 def test_designs_are_written_out_while_there_is_room(ready: PackedDesign, tmp_path: Path) -> None:
     designs = _Designs(room_bytes=1.5 * ready.written_bytes)
-    written = designs._roomy(tmp_path / "1", ready)
+    written = designs._designs[tmp_path / "1"] = designs._roomy(ready)
     assert written.written_bytes == 0
-    assert designs._roomy(tmp_path / "2", ready) is ready
+    assert designs._roomy(ready) is ready
 
 
 def test_a_worker_that_is_killed_costs_one_sheet(

@@ -190,7 +190,6 @@ def _build(request: StepRequest, reports: _Reports) -> StepResult:
         false_alarm_rate=1 / request.guaranteed_pages if request.guaranteed_pages else rate,
         progress=reports.say,
         shown=reports.shown,
-        processes=1,  # this one: a daemonic process, which ends with the console, may start no others
     )
     for train, of in training_functions(("matched_filter",)).items():
         for name, model in train(press, of, training).items():

@@ -100,7 +100,6 @@ def _priced(request: PriceRequest, sender: Connection) -> Priced:
         prints=request.prints,
         trials=request.trials,
         seed=request.seed,
-        processes=1,
         shown=shown,
     )
     return Priced(

@@ -284,17 +284,14 @@ class _Designs:
         self._designs: dict[Path, PackedDesign] = {}
         self._adapted: dict[Path, tuple[Path, PackedDesign]] = {}
         """By the file of each design the last inspector that used it, and the design in that one's light."""
-        self._written: dict[Path, int] = {}
-        """Memory of each design whose arrays are written out. [bytes]"""
 
     def get(self, folder: Path, file: Path) -> tuple[SheetInspector, PackedDesign]:
         """Return an inspector, and a design in its light."""
         inspector = self._inspector(folder)
         if file not in self._designs:
             for old in [one for one in self._designs if not one.exists()]:  # the run uses them no more
-                self._room_bytes += self._written.pop(old, 0)
                 del self._designs[old], self._adapted[old]
-            self._designs[file] = self._roomy(file, _loaded(file, self._inspector(file.parent)))
+            self._designs[file] = self._roomy(_loaded(file, self._inspector(file.parent)))
             self._adapted[file] = file.parent, self._designs[file]
             gc.freeze()  # or each cyclic collection would visit all designs
         light, ready = self._adapted[file]
@@ -303,16 +300,13 @@ class _Designs:
             self._adapted[file] = folder, ready
         return inspector, ready
 
-    def _roomy(self, file: Path, design: PackedDesign) -> PackedDesign:
+    def _roomy(self, design: PackedDesign) -> PackedDesign:
         """Return a design with its arrays written out, if there is room.
 
         None makes room for another: of designs that come in turn, the one used longest ago is needed next.
         """
-        if (needed := design.written_bytes) > self._room_bytes:
-            return design
-        self._room_bytes -= needed
-        self._written[file] = needed
-        return design.written_out()
+        taken = sum(one.occupied_bytes for one in self._designs.values())
+        return design.written_out() if taken + design.written_bytes <= self._room_bytes else design
 
     def _inspector(self, folder: Path) -> SheetInspector:
         if folder not in self._inspectors:

@@ -107,6 +107,24 @@ def test_light_that_is_followed_reaches_the_workers(
     assert second.evidence.values != first.evidence.values
 
 
+def test_successive_designs_are_read_by_different_workers_before_their_sheets(
+    alone: SheetInspector, ready: PackedDesign, page: Page, workers: InspectionWorkers
+) -> None:
+    by_workers, designs = replace(alone, workers=workers), (ready, replace(ready))
+    for one in designs:
+        by_workers.load(one)
+    homes = [workers._homes[one] for one in designs]
+    assert set(homes) == set(workers._workers)
+    assert len(workers.processes) == 2
+    for home in homes:
+        with workers._reserved(home) as first, workers._reserved(home) as second:
+            assert (first, second) == (home, next(one for one in homes if one is not home))
+    scan = scan_of(page, alone.inspector.press, 3, hole=True)
+    result = by_workers.inspect(designs[1], scan, name="it", seed=3)
+    expected = alone.inspect(ready, scan, name="it", seed=3)
+    assert result.evidence.values == expected.evidence.values
+
+
 def test_designs_are_written_out_while_there_is_room(ready: PackedDesign, tmp_path: Path) -> None:
     designs = _Designs(room_bytes=1.5 * ready.written_bytes)
     written = designs._designs[tmp_path / "1"] = designs._roomy(ready)

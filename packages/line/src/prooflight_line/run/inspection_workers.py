@@ -12,11 +12,11 @@ import itertools
 import logging
 import multiprocessing
 import pickle
-import queue
 import shutil
 import signal
 import threading
 import weakref
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from multiprocessing.shared_memory import SharedMemory
 from typing import TYPE_CHECKING, Any, Final
@@ -34,6 +34,7 @@ from prooflight.pages.parallel import KILLED, end_with_parent
 from prooflight.pages.process import settle_process
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
     from pathlib import Path
@@ -81,10 +82,11 @@ class InspectionWorkers:
         InputError: the user's cache folder cannot be written.
         """
         self._folder, self._lock = _own_folder(user_folder("cache") / "workers")
-        self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
         self._workers = [_Worker(written_share=WRITTEN_SHARE / count) for _ in range(count)]
-        for worker in self._workers:
-            self._free.put(worker)
+        self._idle, self._changed = list(self._workers), threading.Condition()
+        self._turns = itertools.cycle(self._workers)
+        self._homes: weakref.WeakKeyDictionary[PackedDesign, _Worker] = weakref.WeakKeyDictionary()
+        """The worker that has read each design before its first sheet."""
         self._numbers, self._writing = itertools.count(), threading.RLock()
         self._first: SheetInspector | None = None
         self._inspectors: weakref.WeakKeyDictionary[SheetInspector, Path] = weakref.WeakKeyDictionary()
@@ -93,16 +95,39 @@ class InspectionWorkers:
     def inspect(
         self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
     ) -> SheetResult:
-        """Inspect a scan (sensors, lines, pixels) [DN] in the next worker that is free.
+        """Inspect a scan (sensors, lines, pixels) [DN] in a worker that is idle, preferably one that has the design.
 
         arguments: as of ``SheetInspector.inspect``. ProoflightError: the worker was killed; another takes its place.
         """
         files = self.provide(inspector, ready)
-        worker = self._free.get()
-        try:
+        with self._reserved(self._homes.get(ready.origin or ready)) as worker:
             return worker.inspect(*files, scan, arguments)
+
+    def load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
+        """Let one worker read a design before its first sheet, each worker in its turn.
+
+        Successive designs thus have different workers, and together the workers write out more designs than if all
+        of them read each. ProoflightError: the worker was killed, or cannot read the design.
+        """
+        files = self.provide(inspector, ready)
+        with self._changed:
+            home = self._homes[ready.origin or ready] = next(self._turns)
+        with self._reserved(home, only=True) as worker:
+            worker.load(*files)
+
+    @contextmanager
+    def _reserved(self, preferred: _Worker | None, *, only: bool = False) -> Iterator[_Worker]:
+        """Reserve the preferred worker if it is idle, else, unless it is the only one wanted, another."""
+        with self._changed:
+            self._changed.wait_for(lambda: preferred in self._idle if only else bool(self._idle))
+            worker = preferred if preferred in self._idle else self._idle[-1]
+            self._idle.remove(worker)
+        try:
+            yield worker
         finally:
-            self._free.put(worker)
+            with self._changed:
+                self._idle.append(worker)
+                self._changed.notify_all()
 
     def provide(self, inspector: SheetInspector, ready: PackedDesign) -> tuple[Path, Path]:
         """Return an inspector's folder and a design's file, written unless they are there.
@@ -205,12 +230,20 @@ class _Worker:
     def inspect(
         self, folder: Path, design: Path, scan: NDArray[np.uint16], arguments: dict[str, Any]
     ) -> SheetResult:
-        if self.process is None:
-            self._start()
         shared = self._room(scan.nbytes)
         np.ndarray(scan.shape, scan.dtype, shared.buf)[...] = scan
+        return self._answer(folder, design, (shared.name, scan.shape, arguments))
+
+    def load(self, folder: Path, design: Path) -> None:
+        self._answer(folder, design, None)
+
+    def _answer(
+        self, folder: Path, design: Path, sheet: tuple[str, tuple[int, ...], dict[str, Any]] | None
+    ) -> Any:
+        if self.process is None:
+            self._start()
         try:
-            self._link.send((folder, design, shared.name, scan.shape, arguments))
+            self._link.send((folder, design, sheet))
             result = self._link.recv()
         except (EOFError, OSError) as error:
             self.process = None
@@ -246,7 +279,7 @@ class _Worker:
 
 
 def _work(link: Connection, written_share: float) -> None:
-    """Inspect sheets until the run closes the link.
+    """Inspect sheets, and read designs, until the run closes the link.
 
     written_share: share of the available memory for designs whose arrays are written out. [-]
     """
@@ -257,20 +290,23 @@ def _work(link: Connection, written_share: float) -> None:
     scans = dict[str, SharedMemory]()
     while True:
         try:
-            folder, design, name, shape, arguments = link.recv()
+            folder, design, sheet = link.recv()
         except EOFError:
             return
-        if name not in scans:
-            scans.clear()
-            scans[name] = SharedMemory(name=name)
         try:
             inspector, ready = designs.get(folder, design)
-            scan = np.ndarray(shape, np.uint16, scans[name].buf)
-            result = inspector.inspect(ready, scan, **arguments)
-            del scan  # memory that arrays refer to cannot be closed
+            result = None
+            if sheet is not None:
+                name, shape, arguments = sheet
+                if name not in scans:
+                    scans.clear()
+                    scans[name] = SharedMemory(name=name)
+                scan = np.ndarray(shape, np.uint16, scans[name].buf)
+                result = inspector.inspect(ready, scan, **arguments)
+                del scan  # memory that arrays refer to cannot be closed
             link.send(result)
         except Exception as error:
-            _log.debug("sheet %s", arguments.get("sheet"), exc_info=error)
+            _log.debug("%s", design, exc_info=error)
             link.send(error)
 
 

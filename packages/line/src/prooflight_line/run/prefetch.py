@@ -108,6 +108,11 @@ class DesignPrefetcher(Generic[Ready]):
             used, count = sum(self._bytes.values()), len(self._bytes)
         return not count or used + used / count <= self._room_bytes
 
+    def all_ready(self) -> list[Ready]:
+        """Return the designs that are ready, in the order in which they were last requested."""
+        with self._guard:
+            return [cached.result() for design, cached in self._cached.items() if design in self._bytes]
+
     def largest(self) -> Ready:
         """Return the largest of the designs that are ready; ValueError: none is."""
         with self._guard:

@@ -267,6 +267,7 @@ class Running:
         threads = self._settings.inspectors
         with ThreadPoolExecutor(threads + 1) as warming:  # one more: designs are prepared meanwhile
             turns = [warming.submit(self._rehearse, inspector, ready) for _ in range(self.tally.to_rehearse)]
+            turns += [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
         for turn in turns:
             if (error := turn.exception()) is not None:
                 _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
@@ -276,6 +277,10 @@ class Running:
         if not self._stopping.is_set():
             inspector.warm_up(ready)
         self.tally.count("rehearsed")
+
+    def _load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
+        if not self._stopping.is_set():
+            inspector.load(ready)
 
     def _first_of_designs(self) -> list[int]:
         """Return the first sheet of each design that is made ready before the first line is read.

@@ -57,6 +57,10 @@ class SheetWorkers(Protocol):
         """Let them read a design."""
         ...
 
+    def load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
+        """Let one of them read a design before its first sheet."""
+        ...
+
     def close(self) -> None:
         """End them."""
         ...
@@ -161,6 +165,11 @@ class SheetInspector:
             scan[:, lines, pixels] = hole
             self.inspect(ready, scan, name="warm-up", seed=0)
         self._packed(page)
+
+    def load(self, ready: PackedDesign) -> None:
+        """Let the processes that inspect read a design, so that its first sheet need not wait for that."""
+        if self.workers is not None:
+            self.workers.load(self, ready)
 
     def close(self) -> None:
         """End the processes that inspect."""

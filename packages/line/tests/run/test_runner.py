@@ -505,6 +505,7 @@ def test_times_are_known_to_two_percent() -> None:
     for milliseconds in range(1, 1001):
         times.add(milliseconds / 1000)
     assert times.quantile_s(0.5) == pytest.approx(0.5, rel=0.03)
+    assert times.median_s == times.quantile_s(0.5)
     assert times.quantile_s(0.999) == pytest.approx(0.999, rel=0.03)
     assert times.stage().greatest_ms == 1000
 

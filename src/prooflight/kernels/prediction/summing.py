@@ -14,7 +14,7 @@ from prooflight.kernels.vectors import FLOAT, FUSED, INT, LONG, filled, number_a
 
 FEWEST, FEW, MANY = 8, 16, 64
 EIGHT = FEWEST
-GROUP = 8
+GROUP = 16
 """Raster columns that are summed up along at once."""
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.training.simulated_days import good_prior
+from prooflight.commissioning.training.simulated_days import PressDay, good_prior
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
+from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.fast import fast_mean_variance
 from prooflight.simulation.prints import Print
 from prooflight.simulation.scans import simulate
@@ -165,6 +166,23 @@ def test_a_press_that_states_this_world_varies_so_in_its_own(press: Press) -> No
     assert amounts.ink.gain_print_percent == 0.5  # a single amount stands as given
     assert good_prior(stated).gain < good_prior(press).gain
     assert amounts_of(press).sheet is None
+
+
+def test_a_press_that_states_either_world_is_trained_on_days_of_both(press: Press) -> None:
+    either, measured = (replace(press, variation={"world": world}) for world in ("either", "measured"))
+    days = [
+        PressDay.of(either, Corpus(seed=1, dpi=press.dpi), seed=1, first=first).day for first in (0, 4, 8)
+    ]
+    assert [day.session is not None and day.session.sheets is not None for day in days] == [
+        False,
+        True,
+        False,
+    ]
+    assert amounts_of(either) == amounts_of(press)
+    # The prior allows what either world does: sheets of the press world differ more, places of the other.
+    own, of_press, of_measured = (good_prior(one) for one in (either, press, measured))
+    assert own.gain == of_press.gain > of_measured.gain
+    assert own.tilt == max(of_press.tilt, of_measured.tilt)
 
 
 def test_another_world_is_refused_in_one_line() -> None:

@@ -283,8 +283,8 @@ VARIATION = {
     "camera": ("column_gain_percent", "sigma_error", "table_gain_percent", "table_shape_percent"),
 }
 """Amounts of ``worlds.toml``'s ``[press.*]``, which ``[variation.*]`` may override."""
-StatedWorld = Literal["press", "measured"]
-"""Worlds of which a press may state that its good prints vary as theirs do."""
+StatedWorld = Literal["press", "measured", "either"]
+"""Worlds of which a press may state that its good prints vary as theirs do; either: as in one of the others."""
 VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
 """Amounts among them that are given as [least, greatest]."""
 

@@ -110,7 +110,7 @@ def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, 
     _check_geometry(facts)
     variation = dict(raw["variation"])
     if variation.pop("world", "press") not in (stated := get_args(StatedWorld)):
-        raise Misfit("variation.world", f"must be {' or '.join(stated)}")
+        raise Misfit("variation.world", f"must be one of {', '.join(stated)}")
     _check_amounts(variation, "variation")
     if facts.clipped and len(facts.clipped) != len(facts.sensors):
         raise Misfit("clipped", f"is of {len(facts.clipped)} sensors of {len(facts.sensors)}")

@@ -220,12 +220,22 @@ class Amounts:
 def amounts_of(press: Press, world: World = "press") -> Amounts:
     """Return the variation of good prints of ``press``: its press file's ``[variation]`` over the world's.
 
-    In the world ``press`` a press varies as it states: one that states the world ``measured`` as sheets of that world
-    do, though without its screen, since the press file says how a press screens.
+    In the world ``press`` a press varies as it states, in the first of ``stated_amounts``.
     """
-    if world == "press" and press.variation.get("world") == "measured":
-        return replace(Amounts.stated(press.variation, "measured"), screen=None)
-    return Amounts.stated(press.variation, world)
+    return stated_amounts(press)[0] if world == "press" else Amounts.stated(press.variation, world)
+
+
+def stated_amounts(press: Press) -> tuple[Amounts, ...]:
+    """Return the variation of good prints in each of the worlds that a press states.
+
+    Sheets of the world ``measured`` come without its screen, since the press file says how a press screens.
+    """
+    measured = replace(Amounts.stated(press.variation, "measured"), screen=None)
+    world = press.variation.get("world", "press")
+    if world == "measured":
+        return (measured,)
+    amounts = Amounts.stated(press.variation)
+    return (amounts, measured) if world == "either" else (amounts,)
 
 
 def _times(name: str, value: Any, times: float) -> Any:

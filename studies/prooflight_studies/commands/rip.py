@@ -27,7 +27,7 @@ def rip(
         list[str] | None,
         typer.Option(
             metavar="PART",
-            help="specification (rip.md) or press (ripped.md, ripped-measured.md); default: the former.",
+            help="specification (rip.md) or press (ripped.md, or its like by the world that the press states).",
         ),
     ] = None,
     cases: CasesDir = None,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 WORLDS: Final = ("press", "measured")
 TEMPLATE: Final = "ripped"
-PAGES: Final = {"press": "ripped", "measured": "ripped-measured"}
+PAGES: Final = {"press": "ripped", "measured": "ripped-measured", "either": "ripped-either"}
 """Names of the page, by the world that the press file states."""
 GOOD_A_MISPRINT: Final = COPIES_A_PIECE
 """Good prints of a page for each misprint of it: a piece has one."""

@@ -21,7 +21,8 @@ from prooflight.detectors.print_prior import PrintPrior
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
-from prooflight.simulation.worlds import Amounts, amounts_of
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import Amounts, amounts_of, stated_amounts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -89,7 +90,7 @@ def good_residual_variance(press: Press) -> ResidualVariance:
 
 
 def good_prior(press: Press) -> PrintPrior:
-    """Return the prior of a press's good prints, scaled likewise.
+    """Return the prior of a press's good prints, scaled likewise; one that states several worlds has the widest.
 
     Where nothing varies, it is that of the press world: no deviation is excused, and each is evidence.
     """
@@ -104,12 +105,15 @@ def good_prior(press: Press) -> PrintPrior:
 
 
 def _times(press: Press, *names: str) -> float:
-    """Return the ratio of a press's amounts to the press world's, added up as independent ones."""
-    own, world = (
+    """Return the ratio of a press's amounts to the press world's, added up as independent ones.
+
+    It is the greatest of the worlds that the press states.
+    """
+    *own, world = (
         math.hypot(*(amount_named(name, of) for name in names))
-        for of in (amounts_of(press), Amounts.stated())
+        for of in (*stated_amounts(press), Amounts.stated())
     )
-    return max(own / world, LEAST_TIMES)
+    return max(max(own) / world, LEAST_TIMES)
 
 
 def amount_named(name: str, amounts: Amounts) -> float:
@@ -156,9 +160,15 @@ class PressDay:
 
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
-        """Begin the day on which design ``first`` is printed first."""
+        """Begin the day on which design ``first`` is printed first.
+
+        Days of a press that states several worlds are of each in turn, so that its threshold is of all of them.
+        """
+        worlds = stated_amounts(press)
+        amounts = worlds[first // DESIGNS_A_DAY % len(worlds)]
+        session = Session.draw(amounts, press, stream(seed, "training-session", first))
         return cls(
-            day=SimulatedDay.begin("press", press, stream(seed, "training-session", first)),
+            day=SimulatedDay(press=press, session=session),
             page=lambda index: fitted(pages.page(index), press.geometry),
             residual_variance=good_residual_variance(press),
             prior=good_prior(press),

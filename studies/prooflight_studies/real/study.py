@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.golden.chain import bare_light, light_of
+from prooflight.detectors.golden.chain import DrawnSheet, bare_light, light_of
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.scanner.finding import ExpectedPages, PlacedScan, placed_scans
@@ -64,6 +64,8 @@ class SheetRow:
     """x, y, width and height of what differs."""
     moved_mm: tuple[float, float]
     """Mean displacement that was left after placing, and is followed by the comparison."""
+    residual_mm: float
+    """Distance of the print from the place that the comparison follows, rms along an axis."""
     by_other: str
     """Verdict by the chain of the other copy alone; empty: there is no other."""
 
@@ -192,6 +194,8 @@ def _of_copy(
         planned = PlannedPage(page, press.press_context(), zones.page(page))
         lines, _ = scan_on_page(scan, planned, press, settings, by_type=False)
         prepared = inspector.prepare(planned)
+        sheet = prepared.prepared_page
+        assert isinstance(sheet, DrawnSheet)
         verdict = inspector.inspect(prepared, Scan(dn=lines, name=scan.scan.name)).verdict
         by_others = [
             other.inspect(other.prepare(planned), Scan(dn=lines, name=scan.scan.name)).verdict.verdict
@@ -227,6 +231,8 @@ def _of_copy(
             reason=verdict.reason,
             places_mm=boxes,
             moved_mm=verdict.shift_mm or (0.0, 0.0),
+            residual_mm=press.geometry.pixel_pitch_mm
+            * sheet.residual_pixels(Scan(dn=lines, name=scan.scan.name)),
             by_other=", ".join(by_others),
         )
         yield row, caught

@@ -26,6 +26,7 @@ from prooflight_studies.harness.result_cache import digest_of, minutes_spent, ru
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.ripped.printing import (
     COPIES_A_PIECE,
+    OUR_RASTER,
     RIPS,
     STATEMENTS,
     PrintPiece,
@@ -92,7 +93,8 @@ class FalseAlarmPlan:
                 good=tuple(range(first, min(first + COPIES_A_PIECE, of_page))),
                 misprints=tuple(misprints[part : part + 1]) if is_judged else (),
                 judged=is_judged,
-                statements=self.statements,
+                # Our own raster is expected whatever is stated, so that its rows are those of every run.
+                statements=STATEMENTS if rip == OUR_RASTER else self.statements,
             )
             for is_judged, of_kind, of_page in (
                 (True, pages, copies),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from prooflight.detectors.golden.detector import LEAST_VOLUME, marks
 from prooflight.detectors.golden.differences import Tolerance, compare, in_contrasts
 from prooflight.detectors.golden.levels import level_difference
-from prooflight.detectors.golden.place import GoldenPlace, place
+from prooflight.detectors.golden.place import GoldenPlace, place, residual_pixels
 
 LINES, PIXELS = 320, 384
 SOFT = 0.8
@@ -59,6 +59,15 @@ def test_a_shift_is_found_to_a_tenth_of_a_pixel(x: float, y: float) -> None:
     ]  # the page's border, which moves in or out, has tiles with half an edge
     assert np.abs(inner[0] - x).max() < 0.1
     assert np.abs(inner[1] - y).max() < 0.1
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.3, 0.3), (-0.2, 0.2)])
+def test_the_residual_is_how_far_print_lies_off_the_place_that_is_followed(x: float, y: float) -> None:
+    golden, scan = seen(board())[0], seen(board(), matrix=shifted(x, y))[0]
+    flat = GoldenPlace(nodes=np.zeros((2, 10, 12), np.float32), tile_pixels=32, likeness=1.0)
+    # One linear step at an edge reads a displacement of 0.3 pixels to a tenth.
+    assert residual_pixels(golden, scan, flat) == pytest.approx(abs(x), rel=0.1)
+    assert residual_pixels(golden, scan, place(golden, scan)) < 0.03
 
 
 def test_a_turned_page_is_followed() -> None:

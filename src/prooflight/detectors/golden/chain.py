@@ -183,10 +183,17 @@ class DrawnSheet(PreparedOnly):
     sensors: tuple[SensorModel, ...]
     expected: PlannedPage
 
+    def residual_pixels(self, scan: Scan) -> float:
+        """See ``GoldenSheet``."""
+        return self.golden.residual_pixels(self._picture(scan))
+
+    def _picture(self, scan: Scan) -> Scan:
+        numbers: NDArray[np.float32] = to_numbers(light_of(scan.dn, self.sensors))
+        return Scan(dn=numbers, name=scan.name)
+
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``. A scan that cannot be laid on its page is not inspected."""
-        numbers: NDArray[np.float32] = to_numbers(light_of(scan.dn, self.sensors))
-        done = self.golden.inspect(Scan(dn=numbers, name=scan.name))
+        done = self.golden.inspect(self._picture(scan))
         verdict = done.verdict
         if verdict.kind == WRONG_PAGE_KIND:
             verdict = Verdict.skipped(verdict.page, f"the page could not be placed: {verdict.reason}")

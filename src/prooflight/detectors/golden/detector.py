@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PreparedOnly
-from prooflight.detectors.golden.differences import Tolerance, compare, place_of
+from prooflight.detectors.golden.differences import Tolerance, compare, place_of, residual_of
 from prooflight.detectors.golden.place import TILE_PIXELS
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Decision, Region, Verdict
@@ -199,14 +199,25 @@ class GoldenSheet(PreparedOnly):
         verdict = self._verdict(difference, turned=turned)
         return self._inspection(verdict, scan, expected, difference.excess)
 
+    def residual_pixels(self, scan: Scan) -> float:
+        """Return by how far the print lies off the place that the comparison follows, rms along an axis."""
+        measured = evened(scan.dn.astype(np.float32), self.sensors)
+        compared = self._without_ignored(*_alike(scan.name, self.light, measured))
+        return residual_of(*compared, place_of(*compared))
+
     def _place(self, expected: NDArray[np.float32], seen: NDArray[np.float32]) -> GoldenPlace:
         """Return where ``seen`` shows the golden, by what is not ignored: a stamp has a place of its own."""
+        return place_of(*self._without_ignored(expected, seen))
+
+    def _without_ignored(
+        self, expected: NDArray[np.float32], seen: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         if self.ignored is None:
-            return place_of(expected, seen)
+            return expected, seen
         lines, pixels = expected.shape[1:]
         blank = np.median(expected[:, ::4, ::4], axis=(1, 2), keepdims=True)
         ignored = self.ignored[:lines, :pixels]
-        return place_of(np.where(ignored, blank, expected), np.where(ignored, blank, seen))
+        return np.where(ignored, blank, expected), np.where(ignored, blank, seen)
 
     def _spread(self, channels: int, lines: int, pixels: int) -> NDArray[np.float32] | None:
         if self.spread is None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.golden.levels import level_difference
-from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace, place
+from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace, place, residual_pixels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -118,6 +118,12 @@ def place_of(golden: NDArray[np.floating], scan: NDArray[np.floating]) -> Golden
     """Return where ``scan`` shows ``golden``, both (channels, lines, pixels) of one shape in any unit."""
     golden, scan = in_contrasts(golden, scan)
     return place(golden.mean(axis=0), scan.mean(axis=0))
+
+
+def residual_of(golden: NDArray[np.floating], scan: NDArray[np.floating], where: GoldenPlace) -> float:
+    """Return ``residual_pixels`` of the place that ``place_of`` has found for these scans."""
+    golden, scan = in_contrasts(golden, scan)
+    return residual_pixels(golden.mean(axis=0), scan.mean(axis=0), where)
 
 
 def compare(

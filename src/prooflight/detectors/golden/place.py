@@ -194,6 +194,18 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
     return max(best, again, key=lambda where: where.likeness)
 
 
+def residual_pixels(golden: NDArray[np.float32], scan: NDArray[np.float32], where: GoldenPlace) -> float:
+    """Return by how far tiles lie off the field that follows them, rms along an axis, weighted by their precision.
+
+    golden, scan: as for ``place``, which returned ``where``. It includes the noise of the measurement itself.
+    """
+    own, precision = _tile_moves(
+        where, _small(golden, 1, where.tile_pixels), _small(scan, 1, where.tile_pixels), 1
+    )
+    far2 = np.einsum("na,nab,nb->", own, precision, own)
+    return float(np.sqrt(far2 / max(np.einsum("naa->", precision), LEAST_INFORMATION)))
+
+
 def _fed_otherwise(golden: NDArray[np.float32], scan: NDArray[np.float32], flat: GoldenPlace) -> GoldenPlace:
     """Return the likeliest of the stretches and turns of ``FED_OTHERWISE``, both images eight times smaller."""
     _, rows, columns = flat.nodes.shape

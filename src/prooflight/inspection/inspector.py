@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
-from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.devices import engine_name
+from prooflight.detectors.base import PlannedPage, engine_name
 from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError

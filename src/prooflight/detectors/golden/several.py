@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.detectors.golden.differences import in_contrasts, place_of
-from prooflight.detectors.golden.levels import level_difference
+from prooflight.detectors.golden.differences import in_contrasts, level_difference, place_of
 from prooflight.errors import ScanError
 
 if TYPE_CHECKING:

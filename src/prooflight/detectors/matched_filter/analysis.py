@@ -20,7 +20,6 @@ from prooflight.detectors.matched_filter.fit.binning import (
     thinned,
 )
 from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_columns
-from prooflight.detectors.matched_filter.fit.hidden import hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
     QuantisedImages,
@@ -29,11 +28,14 @@ from prooflight.detectors.matched_filter.fit.modes import (
     pixel_map,
     prepare_modes,
 )
-from prooflight.detectors.matched_filter.fit.moves import corrected
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance, page_colours
-from prooflight.detectors.matched_filter.fit.residuals import in_register
-from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
-from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
+from prooflight.detectors.matched_filter.fit.residuals import corrected, in_register
+from prooflight.detectors.matched_filter.fit.special_places import (
+    ZoneImages,
+    hidden_edges,
+    ignored_tiles,
+    unresolved_places,
+)
 from prooflight.detectors.matched_filter.glyphs.scoring import (
     NOTHING,
     chance_astray,

@@ -20,8 +20,12 @@ from prooflight.detectors.false_alarm_rate import (
     posterior_bound,
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE, GlyphThreshold, combined_score
-from prooflight.detectors.matched_filter.glyphs.scoring import NONE
+from prooflight.detectors.matched_filter.glyphs.scoring import (
+    GLYPH_SHARE,
+    NONE,
+    GlyphThreshold,
+    combined_score,
+)
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.variation import AMOUNTS
@@ -224,7 +228,7 @@ class CalibratedDetector:
         """Test of glyphs; None: this press was trained before glyphs were tested."""
         if not self.pages.glyphs.size:
             return None
-        return GlyphThreshold(own=self.pages.glyphs, rate=SHARE * self.trained_rate)
+        return GlyphThreshold(own=self.pages.glyphs, rate=GLYPH_SHARE * self.trained_rate)
 
     def score_again(self, stored: StoredArrays) -> float:
         """Return a page's score as a whole from its evidence; RequestError: it is not of this detector."""
@@ -287,7 +291,7 @@ class CalibratedDetector:
             return decision
         p_value, score = decision.p_value / _of_ranking(self.pages), decision.score
         if self.glyphs is not None:
-            p_value = min(p_value, self.glyphs.p_value(glyphs) / SHARE)
+            p_value = min(p_value, self.glyphs.p_value(glyphs) / GLYPH_SHARE)
             score = combined_score(score, decision.threshold, glyphs, self.glyphs.threshold)
         return self.decision(score, decision.threshold, min(p_value, 1.0))
 
@@ -401,7 +405,7 @@ def _scores(references: ReferenceScores, own: GoodScores, *, real: int, counted:
 
 def _of_ranking(pages: GoodPages) -> float:
     """Return the share of the guaranteed rate that the ranking has, next to floor and glyphs."""
-    return 1 - FLOOR_SHARE_OF_RATE - (SHARE if pages.glyphs.size else 0)
+    return 1 - FLOOR_SHARE_OF_RATE - (GLYPH_SHARE if pages.glyphs.size else 0)
 
 
 class CalibratedFacts(Block):

@@ -14,8 +14,14 @@ import cv2
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
-from prooflight.detectors.devices import refuse_without_card
+from prooflight.detectors.base import (
+    BLOCK_PIXELS,
+    ContextDetector,
+    Inspection,
+    StoredArrays,
+    refuse_without_card,
+)
+from prooflight.detectors.matched_filter.amounts import FarAmounts
 from prooflight.detectors.matched_filter.analysis import (
     analyse,
     mode_sensors,
@@ -25,11 +31,12 @@ from prooflight.detectors.matched_filter.analysis import (
 )
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
 from prooflight.detectors.matched_filter.exchangeability import PressRunTest, of_every_page, summaries
-from prooflight.detectors.matched_filter.explainer import Evidence, Explainer, Judged
 from prooflight.detectors.matched_filter.explaining import (
+    Evidence,
+    Explainer,
+    Judged,
     measured_inks,
 )
-from prooflight.detectors.matched_filter.far_amounts import FarAmounts
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.scan_images import HostImages

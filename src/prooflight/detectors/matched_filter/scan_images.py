@@ -13,11 +13,20 @@ import numpy as np
 
 from prooflight.detectors.matched_filter.fit.beat import add_beat
 from prooflight.detectors.matched_filter.fit.binning import binned, binned_scan, bins_of, lengthened
-from prooflight.detectors.matched_filter.fit.hidden import with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import Modes, moved
-from prooflight.detectors.matched_filter.fit.moves import by_prediction, local_moves, take_moves
-from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, PlacedScan, fit_blocks, summed_blocks
-from prooflight.detectors.matched_filter.fit.residuals import residual_images
+from prooflight.detectors.matched_filter.fit.nuisance import (
+    FitBlocks,
+    NuisanceModel,
+    PlacedScan,
+    summed_blocks,
+)
+from prooflight.detectors.matched_filter.fit.residuals import (
+    by_prediction,
+    local_moves,
+    residual_images,
+    take_moves,
+)
+from prooflight.detectors.matched_filter.fit.special_places import with_hidden_edges
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.scans.scan import in_groups
@@ -197,7 +206,7 @@ class HostImages:
         """See ``ScanImages``."""
         design, blocks = self._page.design, FitBlocks.of(self._placed.seen_by_all())
         self._block_sums = blocks, summed_blocks(self._placed, blocks, self._page.threads)
-        return fit_blocks(
+        model = NuisanceModel.of(
             *self._block_sums,
             sensors=design.sensors,
             colours=design.colours,
@@ -206,6 +215,7 @@ class HostImages:
             prior=design.prior,
             residual_variance=self._page.residual_variance,
         )
+        return model.fit()
 
     def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
         """See ``ScanImages``; those of ``fitted``, since the placed scan stays."""

@@ -17,8 +17,7 @@ from scipy import ndimage
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.base import PrintState
-from prooflight.detectors.matched_filter.fit.layout import FitLayout
-from prooflight.detectors.matched_filter.fit.nuisance import COLOUR_LENGTH
+from prooflight.detectors.matched_filter.fit.nuisance import COLOUR_LENGTH, FitLayout
 from prooflight.detectors.matched_filter.statistics.local_evidence import COLUMN_MM, FLAT
 
 if TYPE_CHECKING:
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
-    from prooflight.detectors.matched_filter.fit.layout import FitParts
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit
+    from prooflight.detectors.matched_filter.fit.nuisance import Fit, FitParts
     from prooflight.prediction.tables import SensorModel
 
 AMOUNTS: Final[tuple[tuple[str, ...], ...]] = (

@@ -21,8 +21,8 @@ import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.fit.binning import binned_geometry, binned_sensor, bins_of
-from prooflight.detectors.matched_filter.fit.hidden import with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import Modes, pixel_map, prepare_modes
+from prooflight.detectors.matched_filter.fit.special_places import with_hidden_edges
 from prooflight.detectors.matched_filter.ranking import alarming_evidence, deviation_at, marks_of
 from prooflight.detectors.matched_filter.statistics.marks import (
     FLOOR_SIGMAS,

@@ -22,18 +22,24 @@ import numpy as np
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.card.designs import DesignOnCard, Designs
 from prooflight.detectors.matched_filter.fit.binning import bins_of
-from prooflight.detectors.matched_filter.fit.hidden import PLANE_SD
 from prooflight.detectors.matched_filter.fit.modes import Modes
-from prooflight.detectors.matched_filter.fit.moves import LOCAL_PIXELS, moves_of, tile_shape
 from prooflight.detectors.matched_filter.fit.nuisance import (
     BLOCK,
     MOST_BLOCKS,
     FitBlocks,
+    NuisanceModel,
     PlacedScan,
-    fit_blocks,
     summed_blocks,
 )
-from prooflight.detectors.matched_filter.fit.residuals import FLAT_SIGMAS, fitted_amounts, noise_of
+from prooflight.detectors.matched_filter.fit.residuals import (
+    FLAT_SIGMAS,
+    LOCAL_PIXELS,
+    fitted_amounts,
+    moves_of,
+    noise_of,
+    tile_shape,
+)
+from prooflight.detectors.matched_filter.fit.special_places import PLANE_SD
 from prooflight.detectors.matched_filter.scan_images import UNRESOLVED, sums_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     EDGE_CLASSES,
@@ -278,7 +284,7 @@ class CardImages:
             self._runner.back(self._room(f"block sums {s}", (MOST_BLOCKS, SUMS)))[: len(block_corners)]
             for s in range(self._sensors)
         ]
-        return fit_blocks(
+        model = NuisanceModel.of(
             blocks,
             np.stack(totals),
             sensors=of.sensors,
@@ -288,6 +294,7 @@ class CardImages:
             prior=of.prior,
             residual_variance=self._page.residual_variance,
         )
+        return model.fit()
 
     def _sum_blocks(self) -> None:
         run = self._runner.run

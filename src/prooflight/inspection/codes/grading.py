@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.inspection.codes.profiles import SAMPLES_A_PIXEL, cut_elements, sampled, scan_lines
+from prooflight.inspection.codes.symbols import SAMPLES_A_PIXEL, cut_elements, sampled, scan_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.inspection.codes.finding import PageCode
-    from prooflight.inspection.codes.profiles import Profile
-    from prooflight.inspection.codes.symbols import Symbol
+    from prooflight.inspection.codes.symbols import Profile, Symbol
 
 
 CONTRAST: Final = (0.70, 0.55, 0.40, 0.20)

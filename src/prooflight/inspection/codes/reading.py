@@ -9,8 +9,7 @@ import numpy as np
 
 from prooflight.detectors.verdict import Code, Region
 from prooflight.inspection.codes.grading import graded
-from prooflight.inspection.codes.profiles import grey, paper_light
-from prooflight.inspection.codes.symbols import Symbol, tried
+from prooflight.inspection.codes.symbols import Symbol, grey, paper_light, tried
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,8 +10,7 @@ from prooflight.inspection.scanner.finding import ExpectedPages, placed_scans
 from prooflight.pages.job import JobSource
 from prooflight.press.artefact import Press
 from prooflight.press.scanner import feeder_of, field_mm, press_dpi, scanner_press_file
-from prooflight.scans.scanner.reading import ScannerSettings
-from prooflight.scans.scanner.tone import Tone
+from prooflight.scans.scanner.reading import ScannerSettings, Tone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

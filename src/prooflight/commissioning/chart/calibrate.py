@@ -19,10 +19,9 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS
 from prooflight.commissioning.chart.dn_model import FEWEST_RECIPES
 from prooflight.commissioning.chart.joint_fit import JointFit, fit_jointly
-from prooflight.commissioning.chart.patch_noise import SignalNoise, fit_noise
-from prooflight.commissioning.chart.press import Learned, assemble_press
+from prooflight.commissioning.chart.patch_reading import ScanRead, read_scan
+from prooflight.commissioning.chart.press import Learned, SignalNoise, assemble_press, fit_noise
 from prooflight.commissioning.chart.scan import AUTO
-from prooflight.commissioning.chart.scan_reading import ScanRead, read_scan
 from prooflight.errors import ScanError
 from prooflight.inks.chart_layout import PlacedRecipes, read_recipe_file
 

@@ -14,8 +14,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.zones.caught import Caught, Trial, caught, next_strength
-from prooflight.commissioning.zones.defects import SORTS, areas_of, with_defect
+from prooflight.commissioning.zones.defects import (
+    SORTS,
+    Caught,
+    Trial,
+    areas_of,
+    caught,
+    next_strength,
+    with_defect,
+)
 from prooflight.detectors.base import PlannedPage
 from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
 from prooflight.detectors.optional import GoodPrint, PricesZones

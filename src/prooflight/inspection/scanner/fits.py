@@ -204,7 +204,7 @@ def toned_lines(
 
 NEAR_PIXELS: Final = 7
 """Side of the squares about printed pixels whose pixels are samples."""
-PRINTED: Final = 0.95
+GROWN_PRINT: Final = 0.95
 """Light of grown print below which a pixel counts as printed. [paper]"""
 MOST_SAMPLES: Final = 20_000
 """Samples of one sheet, evenly over its print; all of a full page would say the same."""
@@ -256,7 +256,7 @@ def sheet_edges(
         return None
     moved = np.stack([[np.nan_to_num(where.moved(one), nan=1.0) for one in step] for step in grown])
     near = cv2.dilate(
-        (moved[-1].min(axis=0) < PRINTED).astype(np.uint8), np.ones((NEAR_PIXELS,) * 2, np.uint8)
+        (moved[-1].min(axis=0) < GROWN_PRINT).astype(np.uint8), np.ones((NEAR_PIXELS,) * 2, np.uint8)
     )
     at = np.flatnonzero((near > 0) & seen)
     at = at[:: max(1, at.size // MOST_SAMPLES)]

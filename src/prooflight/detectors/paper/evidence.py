@@ -12,8 +12,14 @@ import numpy as np
 from scipy import special
 
 from prooflight.detectors.base import BLOCK_PIXELS
-from prooflight.kernels.comparison.dither import CODE_STEPS, ROUNDING_VARIANCE_DN2, TILE
-from prooflight.kernels.comparison.one_pass import LINES, Z_STEPS, compare_lines
+from prooflight.kernels.comparison.one_pass import (
+    CODE_STEPS,
+    LINES,
+    ROUNDING_VARIANCE_DN2,
+    TILE,
+    Z_STEPS,
+    compare_lines,
+)
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.compact import Lines, Scale, compact
 from prooflight.rng import stream

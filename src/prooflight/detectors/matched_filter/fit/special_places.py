@@ -22,7 +22,7 @@ import numpy as np
 
 from prooflight.detectors.matched_filter.fit.modes import moved
 from prooflight.kernels.memory import unset
-from prooflight.kernels.residuals.hidden_edges import hidden_slopes
+from prooflight.kernels.residuals.page_features import hidden_slopes
 from prooflight.pages.raster import MM_PER_INCH
 
 if TYPE_CHECKING:

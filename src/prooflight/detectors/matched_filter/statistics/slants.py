@@ -24,7 +24,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     mode_and_ink,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.slants import slanted, tile_scores
+from prooflight.kernels.statistics.streaks import slanted, tile_scores
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.base import refuse_without_card
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card.images import engine_on
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of

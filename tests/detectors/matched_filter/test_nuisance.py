@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from prooflight.detectors.matched_filter.analysis import with_added
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
     Modes,
@@ -29,7 +30,6 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     summed_blocks,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
-from prooflight.detectors.matched_filter.scan_images import with_added
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,

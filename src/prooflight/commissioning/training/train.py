@@ -27,8 +27,9 @@ from prooflight.commissioning.training.simulated_days import (
     good_prior,
     good_residual_variance,
 )
-from prooflight.detectors.matched_filter.analysis import analyse_registered, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse_registered
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.families import all_statistics

@@ -22,14 +22,9 @@ from prooflight.detectors.base import (
     refuse_without_card,
 )
 from prooflight.detectors.matched_filter.amounts import FarAmounts
-from prooflight.detectors.matched_filter.analysis import (
-    analyse,
-    mode_sensors,
-    prepare_page,
-    with_arrays,
-    without_arrays,
-)
+from prooflight.detectors.matched_filter.analysis import HostImages, analyse
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
+from prooflight.detectors.matched_filter.design import mode_sensors, prepare_page, with_arrays, without_arrays
 from prooflight.detectors.matched_filter.exchangeability import PressRunTest, of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
     Evidence,
@@ -39,7 +34,6 @@ from prooflight.detectors.matched_filter.explaining import (
 )
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
-from prooflight.detectors.matched_filter.scan_images import HostImages
 from prooflight.detectors.matched_filter.statistics.families import (
     all_statistics,
     remaining_statistics,
@@ -63,11 +57,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Area, Device, PlannedPage, PreparedPage, PressContext
-    from prooflight.detectors.matched_filter.analysis import PreparedPage as PreparedDesign
-    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.analysis import Engine, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.design import PreparedPage as PreparedDesign
     from prooflight.detectors.matched_filter.model import DetectorModel
-    from prooflight.detectors.matched_filter.scan_images import Engine
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.verdict import Decision
     from prooflight.detectors.visible_marks import VisibleMarks

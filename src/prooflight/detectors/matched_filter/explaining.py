@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.amounts import FarAmounts
-    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.extents import Extent
     from prooflight.detectors.matched_filter.glyphs.scoring import ScoredPage
     from prooflight.detectors.matched_filter.model import DetectorModel

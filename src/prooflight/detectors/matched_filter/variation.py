@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.fit.nuisance import Fit, FitParts
     from prooflight.prediction.tables import SensorModel
 

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import PressContext
-    from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.marks import Places

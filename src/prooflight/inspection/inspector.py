@@ -163,7 +163,11 @@ class Inspector:
         result = prepared.prepared_page.inspect(scan, seed=seed)
         lit = replace(result, verdict=self._under_its_light(result.verdict, prepared, scan))
         sensors, geometry = self.press.sensors, self.press.geometry
-        done = with_codes(lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry)
+        done = lit
+        if prepared.codes:
+            done = with_codes(
+                lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry
+            )
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         planned = PlannedPage(prepared.page, self.detector.press_context)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds), planned=planned)

@@ -19,9 +19,10 @@ from prooflight.detectors.matched_filter.fit.binning import (
     binned,
     binned_scan,
     bins_of,
+    bridged,
+    faulty_columns,
     lengthened,
 )
-from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_columns
 from prooflight.detectors.matched_filter.fit.modes import (
     Modes,
     moved,

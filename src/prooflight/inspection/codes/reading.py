@@ -50,7 +50,7 @@ def with_codes(
     inspected or is another one, its codes are not read. A code on which lines were lost is good if it reads,
     and no evidence if not.
     """
-    if not codes or done.verdict.verdict == "not-inspected" or done.verdict.kind == "wrong-page":
+    if done.verdict.verdict == "not-inspected" or done.verdict.kind == "wrong-page":
         return done
     areas = _areas(codes, scan.dn, done.placement, page=page, geometry=geometry)
     cuts, lost = [paper_light(scan.dn[:, *area], sensors, area[1]) for area in areas], scan.lost

@@ -13,14 +13,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import RequestError
-from prooflight.prediction.predict import predict
-from prooflight.scans.placement import IN_PLACE
+from prooflight.prediction.predict import Prediction, predict
+from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.shown import Shown
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from PIL.Image import Image
 
     from prooflight.detectors.cost import RunningCosts
@@ -29,10 +29,8 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import Kind, PageZones
-    from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight.scans.placement import Placement
     from prooflight.scans.scan import Scan
 
 Area = tuple[slice, slice]

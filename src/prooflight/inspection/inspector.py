@@ -7,23 +7,20 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
-from prooflight.detectors.base import PlannedPage, engine_name
+from prooflight.detectors.base import Detector, Device, Inspection, PlannedPage, PreparedPage, engine_name
 from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
-from prooflight.inspection.codes.finding import page_codes
+from prooflight.inspection.codes.finding import PageCode, page_codes
 from prooflight.inspection.codes.reading import with_codes
-from prooflight.inspection.light_level import light_levels, lit_squares, wrong_light
+from prooflight.inspection.light_level import LitSquares, light_levels, lit_squares, wrong_light
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Detector, Device, Inspection, PreparedPage
     from prooflight.detectors.print_prior import PrintPrior
-    from prooflight.inspection.codes.finding import PageCode
-    from prooflight.inspection.light_level import LitSquares
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zones_file import JobZones
     from prooflight.press.artefact import Press

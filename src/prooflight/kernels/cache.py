@@ -23,11 +23,12 @@ import stat
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from functools import cache
 from inspect import unwrap
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numba import config
@@ -37,8 +38,6 @@ from numba.core.compiler_lock import global_compiler_lock
 if sys.platform != "win32":
     import fcntl
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 LIBRARIES: Final = ("llvmlite", "numba", "numpy")
 """Packages whose versions numba compares itself, or whose functions are not compiled."""

@@ -10,23 +10,20 @@ from __future__ import annotations
 import contextlib
 import logging
 import struct
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from pathlib import Path
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import tifffile
+from numpy.typing import NDArray
 
 from prooflight.errors import InputError
 from prooflight.pages.memory import file_size, refuse_unaffordable
 from prooflight.pages.picture_files import frame
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 IMAGES_MAX: Final = 10_000
 """Most images in one file: a run of a thousand sheets seen by ten sensors."""

@@ -11,10 +11,13 @@ in the tables. Several prints of the chart average that.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.commissioning.chart.dn_model import FEWEST_RECIPES
@@ -26,11 +29,6 @@ from prooflight.errors import ScanError
 from prooflight.inks.chart_layout import PlacedRecipes, read_recipe_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from prooflight.press.artefact import Press
 
 FULLEST: Final = 0.9

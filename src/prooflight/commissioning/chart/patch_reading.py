@@ -13,30 +13,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 from scipy.stats import spearmanr
 
-from prooflight.commissioning.chart.edge_spread import mark_samples
-from prooflight.commissioning.chart.finding import find_chart
-from prooflight.commissioning.chart.scan import AUTO, read_chart_scan
+from prooflight.commissioning.chart.edge_spread import EdgeSample, mark_samples
+from prooflight.commissioning.chart.finding import DetectedChart, find_chart
+from prooflight.commissioning.chart.scan import AUTO, ChartScan, read_chart_scan
 from prooflight.errors import ScanError
 from prooflight.inks.built_in import built_in_inks
-from prooflight.inks.chart_layout import STEPS_PER_MM
+from prooflight.inks.chart_layout import STEPS_PER_MM, PlacedRecipes
 from prooflight.inks.chart_print import painted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from prooflight.commissioning.chart.edge_spread import EdgeSample
-    from prooflight.commissioning.chart.finding import DetectedChart
-    from prooflight.commissioning.chart.scan import ChartScan
-    from prooflight.inks.chart_layout import PlacedRecipes
 
 _GUARD_MM, _GUARD_PIXELS = 0.3, 1.6  # paper: so far from any ink, the greater of both
 _INSIDE_MM, _INSIDE_PIXELS = 0.7, 3.0  # a patch's inside: so far from its edge

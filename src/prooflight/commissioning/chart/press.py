@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from prooflight.camera.sensor import ROUNDING_DN2
@@ -28,10 +30,6 @@ from prooflight.press.blocks import IN_IDEAL, InspectionBlock
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from prooflight.commissioning.chart.dn_model import SignalModel
     from prooflight.commissioning.chart.joint_fit import JointFit
     from prooflight.commissioning.chart.patch_reading import ScanRead

@@ -5,18 +5,16 @@ Sensitivity is reported in these terms. Strengths of trials are chosen adaptivel
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import PageZones, Zone
     from prooflight.press.artefact import Press

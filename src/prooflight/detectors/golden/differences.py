@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace, place
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 BLOCK_PIXELS: Final = 16
 PRIOR_SD: Final = 0.03

@@ -12,27 +12,29 @@ prints, so that of an ink or a plane that is far off they state a part, and the 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INK_NAMES, INKS
 from prooflight.detectors.matched_filter.extents import ADDED, GAINED
-from prooflight.detectors.matched_filter.fit.modes import moved
-from prooflight.detectors.matched_filter.fit.nuisance import NuisanceModel
+from prooflight.detectors.matched_filter.fit.modes import AddedInks, moved
+from prooflight.detectors.matched_filter.fit.nuisance import (
+    Fit,
+    FitBlocks,
+    NuisanceModel,
+    PlacedScan,
+    ResidualVariance,
+)
 from prooflight.detectors.matched_filter.fit.residuals import fitted_amounts
 from prooflight.registration.planes import isolated
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.design import PreparedPage
-    from prooflight.detectors.matched_filter.fit.modes import AddedInks
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit, FitBlocks, PlacedScan, ResidualVariance
 
 MODES_OF_AMOUNT: Final = {
     "streak": ("light", "void", *GAINED, *ADDED),

@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, NoReturn, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.design import FRINGE_PARTS, PreparedPage
 from prooflight.detectors.matched_filter.fit.beat import add_beat
@@ -24,11 +25,14 @@ from prooflight.detectors.matched_filter.fit.binning import (
     lengthened,
 )
 from prooflight.detectors.matched_filter.fit.modes import (
+    AddedInks,
     Modes,
+    PixelMap,
     moved,
     pixel_map,
 )
 from prooflight.detectors.matched_filter.fit.nuisance import (
+    Fit,
     FitBlocks,
     NuisanceModel,
     PlacedScan,
@@ -46,30 +50,22 @@ from prooflight.detectors.matched_filter.fit.residuals import (
 from prooflight.detectors.matched_filter.fit.special_places import with_hidden_edges
 from prooflight.detectors.matched_filter.glyphs.scoring import (
     NOTHING,
+    ScoredPage,
     chance_astray,
     score_glyphs,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
-from prooflight.detectors.matched_filter.statistics.marks import measure_marks
+from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Sums, summed
+from prooflight.detectors.matched_filter.statistics.marks import Marks, measure_marks
 from prooflight.prediction.predict import Prediction, predict, repeats_of
 from prooflight.prediction.printed import PrintedPage
 from prooflight.registration.planes import register_by_fringes, register_far_planes
-from prooflight.registration.register import register
-from prooflight.scans.placement import IN_PLACE
+from prooflight.registration.register import Registration, register
+from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.scans.scan import in_groups
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.fit.modes import AddedInks, PixelMap
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit
-    from prooflight.detectors.matched_filter.glyphs.scoring import ScoredPage
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
-    from prooflight.detectors.matched_filter.statistics.marks import Marks
     from prooflight.pages.raster import Page
-    from prooflight.registration.register import Registration
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight.scans.placement import Placement
 
 UNRESOLVED: Final = 0.25
 """Share of a moved pixel that was unresolved from which all of it is. [-]"""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from prooflight.detectors.cost import FLOOR_AREA_MM2
@@ -24,6 +26,8 @@ from prooflight.detectors.matched_filter.glyphs.scoring import (
     GLYPH_SHARE,
     NONE,
     GlyphThreshold,
+    ScoredGlyph,
+    ScoredPage,
     combined_score,
 )
 from prooflight.detectors.matched_filter.model import DetectorModel
@@ -45,12 +49,7 @@ from prooflight.files.schema import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import StoredArrays
-    from prooflight.detectors.matched_filter.glyphs.scoring import ScoredGlyph, ScoredPage
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.print_prior import PrintPrior
 

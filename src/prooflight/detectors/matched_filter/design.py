@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.beat import RowBeats, beat_contrasts, row_beats
@@ -23,7 +25,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     pixel_map,
     prepare_modes,
 )
-from prooflight.detectors.matched_filter.fit.nuisance import page_colours
+from prooflight.detectors.matched_filter.fit.nuisance import Colours, page_colours
 from prooflight.detectors.matched_filter.fit.special_places import (
     ZoneImages,
     hidden_edges,
@@ -31,6 +33,7 @@ from prooflight.detectors.matched_filter.fit.special_places import (
     unresolved_places,
 )
 from prooflight.detectors.matched_filter.glyphs.scoring import (
+    PageGlyphs,
     prepare_glyphs,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import PERIODS_MM, tile_side
@@ -39,24 +42,16 @@ from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction, repeats_of
 from prooflight.registration.landmarks import HALFTONE
-from prooflight.registration.overlaps import overlaps_of
-from prooflight.registration.register import prepare
+from prooflight.registration.overlaps import Overlaps, overlaps_of
+from prooflight.registration.register import Landmarks, prepare
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours
-    from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.tables import SensorModel
-    from prooflight.registration.overlaps import Overlaps
-    from prooflight.registration.register import Landmarks
     from prooflight.scans.geometry import ScanGeometry
 
 

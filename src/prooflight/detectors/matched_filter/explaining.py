@@ -6,43 +6,44 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import NAME_OF_INK
-from prooflight.detectors.matched_filter.amounts import amount_in
+from prooflight.detectors.matched_filter.amounts import FarAmounts, amount_in
 from prooflight.detectors.matched_filter.extents import (
     MODES_OF_EXTENT,
+    Extent,
     column_evidence,
     extended,
     streak_centre,
 )
 from prooflight.detectors.matched_filter.glyphs.reporting import glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
-from prooflight.detectors.matched_filter.statistics.statistic import FLAT_AREAS, values_of
+from prooflight.detectors.matched_filter.statistics.statistic import (
+    FLAT_AREAS,
+    Box,
+    Observed,
+    Statistic,
+    values_of,
+)
 from prooflight.detectors.placing import WRONG_PAGE_KIND, place_reason
-from prooflight.detectors.verdict import Ink, Region
+from prooflight.detectors.verdict import Decision, Ink, Region
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.amounts import FarAmounts
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.design import PreparedPage
-    from prooflight.detectors.matched_filter.extents import Extent
     from prooflight.detectors.matched_filter.glyphs.scoring import ScoredPage
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.marks import FloorFinding
-    from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed, Statistic
     from prooflight.detectors.matched_filter.zones import ZonedJudge
-    from prooflight.detectors.verdict import Decision
     from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.register import Registration

@@ -15,23 +15,25 @@ widths the one is taken whose response explains most of the columns' likelihood,
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.matched_filter.statistics.local_evidence import BASELINE_MM, SEGMENTS, segment_lines
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    BASELINE_MM,
+    SEGMENTS,
+    Sums,
+    segment_lines,
+)
 from prooflight.kernels.residuals.moving import STRETCH
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.modes import PixelMap
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
     from prooflight.prediction.tables import SensorModel
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.base import (
@@ -16,26 +17,21 @@ from prooflight.detectors.base import (
     ContextDetector,
     Inspection,
     PlannedPage,
+    PressContext,
     PrintState,
+    StoredArrays,
 )
 from prooflight.detectors.paper.chi_square import tile_statistics
-from prooflight.detectors.paper.evidence import TILE_PIXELS, gather
-from prooflight.detectors.paper.finding import BlockGrid, Findings, SoughtPage, find, findings
+from prooflight.detectors.paper.evidence import TILE_PIXELS, Evidence, EvidenceDetector, gather
+from prooflight.detectors.paper.finding import BlockGrid, Findings, PlacedPage, SoughtPage, find, findings
 from prooflight.detectors.placing import WRONG_PAGE_KIND
-from prooflight.detectors.verdict import Verdict
+from prooflight.detectors.verdict import Decision, Verdict
 from prooflight.kernels.comparison.page_sums import block_inks, column_sums
 from prooflight.pages.parallel import shared_out
-from prooflight.prediction.predict import cut
+from prooflight.prediction.predict import Prediction, cut
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import PressContext, StoredArrays
-    from prooflight.detectors.paper.evidence import Evidence, EvidenceDetector
-    from prooflight.detectors.paper.finding import PlacedPage
-    from prooflight.detectors.verdict import Decision
     from prooflight.pages.raster import Page
-    from prooflight.prediction.predict import Prediction
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.scan import Scan
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.verdict import Code, Region
+from prooflight.detectors.verdict import Code, Region, Verdict
 from prooflight.inspection.codes.grading import graded
 from prooflight.inspection.codes.symbols import Symbol, grey, paper_light, tried
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import Area, Inspection
-    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.codes.finding import PageCode
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel

@@ -6,20 +6,18 @@ ISO/IEC 15416, 5.2 to 5.4.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
 import zxingcpp
+from numpy.typing import NDArray
 
 from prooflight.kernels.scan_lines import cut_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.prediction.tables import SensorModel
 
 LINEAR: Final = frozenset(

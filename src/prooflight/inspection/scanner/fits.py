@@ -11,11 +11,13 @@ are enough of them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq, least_squares
 
 from prooflight.detectors.golden.chain import (
@@ -30,15 +32,10 @@ from prooflight.detectors.golden.chain import (
     to_numbers,
 )
 from prooflight.detectors.golden.differences import place_of
-from prooflight.inspection.scanner.placing import PRINTED, expected_light
+from prooflight.inspection.scanner.placing import PRINTED, DrawnScan, expected_light
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import PressContext
-    from prooflight.inspection.scanner.placing import DrawnScan
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel

@@ -16,7 +16,8 @@ import io
 import mmap
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from pathlib import Path
+from typing import Any, BinaryIO, Final
 
 import pymupdf
 from PIL import Image
@@ -24,12 +25,7 @@ from pymupdf import mupdf
 
 from prooflight.errors import JobError
 from prooflight.pages.pdf.resources import Resource, get, items, name_of, page_resources, shown_name
-from prooflight.pages.pdf.tints import Tinted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from prooflight.pages.pdf.tints import TintSpaces
+from prooflight.pages.pdf.tints import Tinted, TintSpaces
 
 BLEND_MODES: Final = frozenset(
     [

@@ -6,13 +6,14 @@ Imported late, by ``drawing`` only: it needs PyMuPDF at import.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from pymupdf import _mupdf, mupdf
 
-from prooflight.pages.pdf.colour_management import Inks, address
+from prooflight.pages.pdf.colour_management import Inks, ToInk, address
 from prooflight.pages.pdf.fonts import DrawnFonts
 from prooflight.pages.pdf.images import (
     ConvertedImages,
@@ -25,11 +26,6 @@ from prooflight.pages.pdf.images import (
     raster_matrix,
 )
 from prooflight.pages.pdf.tints import COLOURS_MAX, TintSpaces, TintUse
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from prooflight.pages.pdf.colour_management import ToInk
 
 _FORWARDED = {
     name: name

@@ -9,10 +9,13 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pymupdf
+from numpy.typing import NDArray
 from pymupdf import mupdf
 
 from prooflight.errors import InputError, JobError, ProfileError, RequestError, ScanError
@@ -23,23 +26,16 @@ from prooflight.pages.pdf.colour_management import address
 from prooflight.pages.pdf.corrections import AGAIN, PageContents, PrintedLayers, correct_page, open_document
 from prooflight.pages.pdf.drawing import PageDrawing, PlateError, edges_of, icc_space, output_intent
 from prooflight.pages.pdf.fonts import draw_colours_directly, substituted
-from prooflight.pages.pdf.images import SHORT, lost
+from prooflight.pages.pdf.images import SHORT, ImageFault, lost
 from prooflight.pages.pdf.resources import shown_name
-from prooflight.pages.pdf.rip_model import UNSTATED, grown, growth_margin
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel, grown, growth_margin
 from prooflight.pages.pdf.tints import TintSpaces
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
-    from prooflight.pages.pdf.images import ImageFault
-    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.spots.spot_print import SpotPrint
 
 BYTES_PER_PIXEL: Final = 40

@@ -10,8 +10,10 @@ that its names are those of its file.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from math import hypot
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from pymupdf import mupdf
 
@@ -19,10 +21,6 @@ from prooflight.pages.pdf.resources import entries, get, items, name_of, page_re
 from prooflight.pages.pdf.rip import SWATCHES_A_PAGE
 from prooflight.pages.pdf.tints import tint_arrays
 from prooflight.pages.raster import POINTS_PER_INCH
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 PROCESS: Final = ("Cyan", "Magenta", "Yellow", "Black")
 NO_INK: Final = ("All", "None")

@@ -13,9 +13,10 @@ import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from prooflight.errors import JobError, RequestError, ScanError
@@ -25,9 +26,6 @@ from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.tiff_images import TIFF_SUFFIXES
 from prooflight.scans.pictures import SUFFIXES, PictureFile, picture_files
 from prooflight.spectra import srgb_light
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 LEAST_GAMMA, MOST_GAMMA = 0.2, 5.0
 BAND_ROWS: Final = 256

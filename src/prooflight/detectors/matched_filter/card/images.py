@@ -13,20 +13,22 @@ from __future__ import annotations
 import math
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
-from prooflight.detectors.matched_filter.analysis import UNRESOLVED, sums_of
+from prooflight.detectors.matched_filter.analysis import UNRESOLVED, Engine, PlacedPage, sums_of
 from prooflight.detectors.matched_filter.card.designs import DesignOnCard, Designs
 from prooflight.detectors.matched_filter.fit.binning import bins_of
 from prooflight.detectors.matched_filter.fit.modes import Modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
     BLOCK,
     MOST_BLOCKS,
+    Fit,
     FitBlocks,
     NuisanceModel,
     PlacedScan,
@@ -45,6 +47,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     EDGE_CLASSES,
     MODES,
     SEGMENTS,
+    Sums,
     own_gains,
     segment_lines,
     sums_from,
@@ -59,13 +62,6 @@ from prooflight.prediction.predict import Prediction, raster_and_planes, shot_sl
 from prooflight.prediction.sampling_grid import sampling_grid
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.analysis import Engine, PlacedPage
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.kernels.gpu.runners import Pool, Runner
     from prooflight.scans.placement import Placement
 

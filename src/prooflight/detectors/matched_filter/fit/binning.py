@@ -9,27 +9,23 @@ is off is off on the backing too, above and below the sheet.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from prooflight.kernels.residuals.binning import binned_rows, take_turns
-from prooflight.pages.lens_correction import correction_frequencies, correction_to
+from prooflight.pages.lens_correction import LensCorrection, correction_frequencies, correction_to
 from prooflight.pages.sampling import Footprint, transfer
-from prooflight.prediction.tables import SameArray
+from prooflight.prediction.tables import SameArray, SensorModel
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.pages.lens_correction import LensCorrection
     from prooflight.pages.raster import Page
-    from prooflight.prediction.tables import SensorModel
 
 MOST_MM: Final = 0.26
 """Maximum pitch of binned pixels: that of the studies of the detector, at which a good press's register and a

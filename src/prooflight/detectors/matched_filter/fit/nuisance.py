@@ -8,6 +8,7 @@ amounts are estimated from means over blocks, by robust weighted least squares w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
@@ -15,6 +16,7 @@ from math import prod
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.base import LAMP_WAVES
@@ -31,10 +33,6 @@ from prooflight.kernels.residuals.fit import (
 from prooflight.pages.parallel import parts_of, shared_out
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
     from prooflight.detectors.print_prior import PrintPrior
     from prooflight.prediction.predict import Prediction

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.memory import unset
@@ -27,16 +28,13 @@ from prooflight.kernels.residuals.residuals import (
 from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.pages.planes import PARTS, displaced_by_parts
 from prooflight.prediction.printed import PrintedPage
-from prooflight.scans.placement import Warp
+from prooflight.scans.placement import Placement, Warp
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, PlacedScan, ResidualVariance
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight.scans.placement import Placement
 
 MOST_PLANE: Final = 1.75
 """Maximum displacement of planes, relative to good planes' maximum: from each other these are off by up to

@@ -13,26 +13,22 @@ no slope of the expected light announces.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Final, Self
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.fit.modes import moved
+from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved
 from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.page_features import hidden_slopes
-from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.raster import MM_PER_INCH, Page
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
-    from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry

@@ -9,11 +9,13 @@ the camera sees it, after a change of ink as a whole, a shift, and broader or na
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.glyphs import (
@@ -27,10 +29,6 @@ from prooflight.kernels.statistics.glyphs import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
     from prooflight.pages.sampling import Footprint
 

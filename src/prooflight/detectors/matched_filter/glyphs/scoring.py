@@ -28,11 +28,13 @@ score of such a page may be anything: against that mixture exp S is no more than
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.glyphs.letters import (
     MARGIN,
@@ -48,10 +50,6 @@ from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.prediction.predict import expected_light
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.modes import PixelMap
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from safetensors import SafetensorError, safe_open
@@ -9,8 +10,6 @@ from safetensors import SafetensorError, safe_open
 from prooflight.files.schema import Misfit
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
 MOST_BYTES: Final = 1 << 30

@@ -11,8 +11,16 @@ import pytest
 from PIL import Image
 from tests.cli.calls import prooflight
 
-from prooflight.commissioning.zones.caught import Range, Trial, caught, next_strength
-from prooflight.commissioning.zones.defects import SORTS, areas_of, disc, with_defect
+from prooflight.commissioning.zones.defects import (
+    SORTS,
+    Range,
+    Trial,
+    areas_of,
+    caught,
+    disc,
+    next_strength,
+    with_defect,
+)
 from prooflight.pages.zones.zone import PageZones, Zone
 from prooflight.press.artefact import Press
 from prooflight.simulation.scans import simulate

@@ -11,8 +11,8 @@ import pytest
 import tifffile
 
 from prooflight.commissioning.chart.calibrate import Calibration, calibrate
+from prooflight.commissioning.chart.patch_reading import read_scan
 from prooflight.commissioning.chart.scan import read_chart_scan
-from prooflight.commissioning.chart.scan_reading import read_scan
 from prooflight.errors import ChartError, ScanError
 from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes, write_recipes
 from prooflight.inks.chart_print import raster

@@ -28,7 +28,7 @@ from prooflight.detectors.matched_filter.calibrated import FLOOR_SHARE_OF_RATE
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
-from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE
+from prooflight.detectors.matched_filter.glyphs.scoring import GLYPH_SHARE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
 from prooflight.detectors.paper.bayes import window_statistics
@@ -91,7 +91,7 @@ def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_p
     shift, scale = shift_and_scale(found)
     np.testing.assert_allclose(matched_filter.model.shift, shift)
     np.testing.assert_allclose(matched_filter.model.scale, scale)
-    of_ranking = (1 - SHARE - FLOOR_SHARE_OF_RATE) * 0.1
+    of_ranking = (1 - GLYPH_SHARE - FLOOR_SHARE_OF_RATE) * 0.1
     assert matched_filter.threshold == pytest.approx(
         reference.threshold(of_ranking / matched_filter.scores.ratio)[0]
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.golden.chain import RINGS, SignalChain, between, rings, slope_of_numbers, to_numbers
-from prooflight.inspection.scanner.chain_fit import SheetEdges, chains_of, fitted_chain
+from prooflight.inspection.scanner.fits import SheetEdges, chains_of, fitted_chain
 
 RASTER_MM = 25.4 / 600
 KERNEL = np.array([0.85, 0.15, 0.05, 0.1, -0.1, -0.05])

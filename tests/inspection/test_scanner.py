@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from prooflight.commissioning.build import build_press
+from prooflight.inspection.scanner.fits import fitted_tone, toned_lines
 from prooflight.inspection.scanner.placing import (
     ExpectedPage,
     agreement_of,
@@ -19,7 +20,6 @@ from prooflight.inspection.scanner.placing import (
     placed,
     seen_coarsely,
 )
-from prooflight.inspection.scanner.tone_fit import fitted_tone, toned_lines
 from prooflight.pages.raster import Page
 from prooflight.press.artefact import Press
 from prooflight.press.scanner import feeder_of, scanner_press_file

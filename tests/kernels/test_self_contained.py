@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prooflight.kernels.cache import source_digest
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.sources import source_digest
 
 MANY = """
 import numpy as np

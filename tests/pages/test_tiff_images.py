@@ -14,7 +14,7 @@ import tifffile
 
 from prooflight.errors import InputError, JobError, ScanError
 from prooflight.pages import files, memory
-from prooflight.pages.tiff_directories import IMAGES_MAX
+from prooflight.pages.tiff_images import IMAGES_MAX
 from prooflight.scans.pictures import picture_files
 from prooflight.scans.recorded import recorded_scans
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from prooflight.errors import RequestError, ScanError
-from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
-from prooflight.scans.scanner.tone import Tone
+from prooflight.scans.scanner.reading import ScannerSettings, Tone, scanned_pages
 
 DPI = 100
 RAMP = np.tile(np.arange(256, dtype=np.uint8), (60, 1))

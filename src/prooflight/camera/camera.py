@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight import spectra
 from prooflight.camera.sensor import FixedPattern, LineSensor, Noise, read_out
 from prooflight.pages.sampling import Footprint
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.camera.optics import Lens, Light
 
 REACH_PIXELS = 4.0

@@ -13,18 +13,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight import spectra
-from prooflight.pages.lens_correction import correction_frequencies, correction_to
-from prooflight.pages.sampling import transfer
+from prooflight.pages.lens_correction import LensCorrection, correction_frequencies, correction_to
+from prooflight.pages.sampling import Footprint, transfer
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import LineSensor
-    from prooflight.pages.lens_correction import LensCorrection
-    from prooflight.pages.sampling import Footprint
 
 SHORT_REACH_PIXELS: Final = 1.75
 """Reach of the separable footprint that is corrected.

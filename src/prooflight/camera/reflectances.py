@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight import spectra
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles, shortly
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 BRIGHTEST = 2.0
 """Greatest reflectance factor that is accepted.

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Flag, auto
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from prooflight import spectra
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 LARGEST_BITS = 16
 ROUNDING_DN2: Final = 1 / 12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,8 +14,6 @@ from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from rich.table import Table
 
     from prooflight.inks.selection import CrossValidation, Score

@@ -7,19 +7,17 @@ value is a function that takes a ``typer.Typer`` and adds the command.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import typer
 from typer.core import TyperGroup
 
 from prooflight.errors import RequestError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 GROUP: Final = "prooflight.commands"
 LINE: Final = "prooflight-line"

@@ -9,18 +9,16 @@ import contextlib
 import logging
 import platform
 import tempfile
+from collections.abc import Iterator, Sequence
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from prooflight import __version__
 from prooflight.cli import event_log
 from prooflight.cli.show import errors
 from prooflight.errors import sentence
 from prooflight.files.user_folders import user_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 PACKAGES: Final = ("prooflight", "prooflight_line", "prooflight_console", "opentelemetry")
 """Packages whose log records are printed; the last exports traces, and says when it cannot."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,6 @@ from prooflight.cli import faults, show
 from prooflight.errors import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from prooflight.detectors.disposition import Disposition
     from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.sheets import Counts, SetVerdict, SheetVerdict

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from itertools import zip_longest
@@ -20,8 +21,6 @@ from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from prooflight.commissioning.characterise import TableAccuracy
     from prooflight.commissioning.training.real_pages import StatedAndLearned
     from prooflight.press.artefact import Press

@@ -7,7 +7,9 @@ import math
 import os
 import sys
 import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import asdict, is_dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
@@ -22,17 +24,13 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.detectors.disposition import without_gate
+from prooflight.detectors.disposition import DecidedBy, Disposition, without_gate
 from prooflight.errors import visible
 from prooflight.reporting import wording
 from prooflight.reporting.defect_text import describe
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from prooflight.detectors.disposition import DecidedBy, Disposition
     from prooflight.detectors.verdict import Verdict
 
 Item = TypeVar("Item")

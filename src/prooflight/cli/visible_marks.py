@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.cli import show
@@ -11,9 +13,6 @@ from prooflight.errors import RequestError
 from prooflight.reporting.wording import mark_size
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from prooflight.detectors.visible_marks import PlaceRow
     from prooflight.press.artefact import Press
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from prooflight.pages.parallel import Workers
 
 

@@ -10,21 +10,16 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from itertools import count
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 from uuid import uuid4
 
-from distributed import CancelledError
+from distributed import CancelledError, Client, Future
 
 from prooflight.cluster.parcels import Outbox
 from prooflight.cluster.worker import Done, Lacking, Order, receive, run
 from prooflight.errors import RequestError
 from prooflight.files.program import program_parts
-from prooflight.pages.parallel import NO_FILES
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
-
-    from prooflight.pages.parallel import Files
+from prooflight.pages.parallel import NO_FILES, Files
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

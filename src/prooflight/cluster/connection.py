@@ -15,8 +15,9 @@ import re
 import signal
 import tempfile
 import threading
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from distributed import Client, LocalCluster, Security, Worker
 from distributed.comm import connect
@@ -27,9 +28,6 @@ from prooflight.cluster.worker import describe, refuse_other_program
 from prooflight.errors import RequestError
 from prooflight.files.program import program_parts
 from prooflight.pages.parallel import end_with_parent
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
 
 CONNECT_S: Final = 5
 ANSWER_S: Final = 5

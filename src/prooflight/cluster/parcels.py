@@ -11,17 +11,15 @@ import hashlib
 import io
 import pickle
 import shutil
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import cloudpickle
 
 from prooflight.files.content import content_digest
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
 
 PIECE_BYTES: Final = 16 << 20
 """Size of the pieces in which a parcel travels, so that neither side holds a file in memory."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.camera.camera import with_pixels
+from prooflight.camera.camera import Camera, with_pixels
 from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
-from prooflight.camera.sensor import draw_fixed_pattern
+from prooflight.camera.sensor import LineSensor, draw_fixed_pattern
 from prooflight.cmyk import INKS
 from prooflight.commissioning.characterise import (
+    ColumnCalibration,
     appearance_srgb,
     calibrate_columns,
     clipped_share,
@@ -25,21 +28,13 @@ from prooflight.errors import PressFileError
 from prooflight.inks.ink_model import InkModel
 from prooflight.prediction.tables import SensorModel
 from prooflight.press.artefact import Press
-from prooflight.press.spot_units import SpotUnits
+from prooflight.press.spot_units import SpotUnit, SpotUnits
 from prooflight.rng import stream
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.camera.camera import Camera
-    from prooflight.camera.sensor import LineSensor
-    from prooflight.commissioning.characterise import ColumnCalibration
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.press.press_file import PressFile
-    from prooflight.press.spot_units import SpotUnit
     from prooflight.scans.geometry import ScanGeometry
 
 SUPERSAMPLING = 2

@@ -6,30 +6,25 @@ Next to the tables: the accuracy of their interpolation, the calibration of colu
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from prooflight import spectra
-from prooflight.camera.camera import expose_flat
-from prooflight.camera.sensor import ROUNDING_DN2
+from prooflight.camera.camera import Camera, expose_flat
+from prooflight.camera.sensor import ROUNDING_DN2, FixedPattern, LineSensor
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles
 from prooflight.kernels.prediction.lookup import NODES
 from prooflight.prediction.predict import expected_light
-from prooflight.prediction.tables import ClippedShare, node_fractions
+from prooflight.prediction.tables import ClippedShare, SensorModel, node_fractions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from prooflight.camera.camera import Camera
-    from prooflight.camera.sensor import FixedPattern, LineSensor
     from prooflight.inks.reflectance import ReflectanceModel
-    from prooflight.prediction.tables import SensorModel
 
 STEPS = 9
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import tomlkit
 
 from prooflight.errors import PressFileError
 from prooflight.files.atomic import whole_file
 from prooflight.press.press_file import PressFile
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
 
 _SOURCE_COMMENT: Final = re.compile(r"\s*#\s*(assumed|paper|measured|stated|as built)\b", re.IGNORECASE)
 """Pattern of comments that state the source of a number, and would be untrue of another number."""

@@ -10,15 +10,12 @@ from prooflight.errors import PressError
 from prooflight.files.ink_schema import OF_MODEL, OF_SPREAD, SPREAD
 from prooflight.files.schema import part_of
 from prooflight.inks.ink_model import InkModel, Spread
-from prooflight.inks.reflectance import LogLinear
+from prooflight.inks.reflectance import LogLinear, ReflectanceModel
 from prooflight.inks.selection import MODELS, Score
-from prooflight.press.artefact import REBUILD
+from prooflight.press.artefact import REBUILD, Press
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from prooflight.inks.reflectance import ReflectanceModel
-    from prooflight.press.artefact import Press
 
 
 def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

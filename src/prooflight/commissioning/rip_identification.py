@@ -9,24 +9,21 @@ every ink; or of scans of good pages, which show the growth of each ink.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_NAMES, INKS
 from prooflight.errors import ScanError
 from prooflight.pages.pdf.engine_check import pdf_of
-from prooflight.pages.pdf.rip_model import FILL_RULES, RipModel
+from prooflight.pages.pdf.rip_model import FILL_RULES, FillRule, RipModel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import Inspection
     from prooflight.detectors.verdict import Verdict
-    from prooflight.pages.pdf.rip_model import FillRule
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 

@@ -13,14 +13,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import RequestError
-from prooflight.prediction.predict import predict
-from prooflight.scans.placement import IN_PLACE
+from prooflight.prediction.predict import Prediction, predict
+from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.shown import Shown
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from PIL.Image import Image
 
     from prooflight.detectors.cost import RunningCosts
@@ -29,10 +29,8 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import Kind, PageZones
-    from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight.scans.placement import Placement
     from prooflight.scans.scan import Scan
 
 Area = tuple[slice, slice]
@@ -295,3 +293,23 @@ class StoredArrays:
         """Return an error that states why the evidence cannot be judged."""
         what = f"{what}, which {self.detector} needs"
         return RequestError("evidence", what, remedy="only stored evidence can be replayed")
+
+
+REMEDY: Final = "leave it out, or install prooflight[gpu] on a machine with an NVIDIA card and its driver"
+
+
+def engine_name(device: Device) -> str:
+    """Return the name of what computes: cpu, or gpu with the card's name and the version of its driver."""
+    if device == "cpu":
+        return "cpu"
+    from prooflight.kernels.gpu.runners import card_name
+
+    return f"gpu: {card_name()}"
+
+
+def refuse_without_card() -> None:
+    """Raise RequestError where no card can be used."""
+    from prooflight.kernels.gpu.runners import lacking
+
+    if (lacks := lacking()) is not None:
+        raise RequestError("--device gpu", lacks, remedy=REMEDY)

@@ -7,11 +7,10 @@ where the costs of the press file state that stopping costs more.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-
     from prooflight.detectors.verdict import Verdict
 
 Disposition = Literal["accept", "hold", "divert", "stop"]

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import BLOCK_PIXELS
+from prooflight.detectors.base import BLOCK_PIXELS, Area
 
 if TYPE_CHECKING:
-    from prooflight.detectors.base import Area
     from prooflight.pages.raster import Page
     from prooflight.registration.register import Registration
     from prooflight.scans.geometry import ScanGeometry

@@ -8,6 +8,7 @@ the selected one is loaded, also among Prooflight's own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import entry_points
 from pkgutil import resolve_name
@@ -17,8 +18,6 @@ from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from prooflight.detectors.base import Detector
     from prooflight.detectors.entry import DetectorPress, Entry, Train
 

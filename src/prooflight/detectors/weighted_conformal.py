@@ -18,19 +18,16 @@ is at most a plus the weighted mean of the distance of each page's law from the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from prooflight.errors import RequestError
 from prooflight.files.schema import ArraySpec, Block, Misfit, check_arrays, checked
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 CONFIDENCE: Final = 0.95
 """Confidence level of intervals."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.files.schema import (
@@ -19,11 +21,6 @@ from prooflight.files.schema import (
     part_of,
 )
 from prooflight.spectra import BANDS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 OF_MODEL, OF_SPREAD = "model.", "spread."
 MOST_RECIPES: Final = 20_000

@@ -6,14 +6,13 @@ import os
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
 if sys.platform != "win32":
     import fcntl
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from prooflight.errors import InputError
 
 PATIENCE_S: Final = 1.0

@@ -6,20 +6,17 @@ Each part of the program that is stored in a file has its own document and table
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ArgsKwargs
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-    from numpy.typing import NDArray
-
-    Rule = Callable[[NDArray[Any]], str]
-    """Rule that returns what is wrong with an array beyond shape and range; empty if nothing is."""
+Rule = Callable[[NDArray[Any]], str]
+"""Rule that returns what is wrong with an array beyond shape and range; empty if nothing is."""
 
 FAR: Final = 1e9
 """Limit of all numbers except counts of pages and variances."""

@@ -9,18 +9,15 @@ solids and two-ink overprints meet the aims of offset on coated paper; ``fit_bui
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.inks.reflectance import LogLinear
 from prooflight.spectra import WAVE_NM
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 # Tone value increase at 50 %: ISO 12647-2 curves A (C, M, Y) and B (K) for coated paper, about, in whole per
 # cent.

@@ -10,20 +10,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import ChartError
 from prooflight.files.atomic import whole_file
 from prooflight.files.given import GivenFiles, shortly
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 _TOKEN: Final = re.compile(r'"[^"]*(?:""[^"]*)*"|[^\s"]\S*|"\S*')
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")

@@ -8,20 +8,17 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import ChartError
 from prooflight.files.given import shortly
 from prooflight.inks.cgats import Table, number, read_tables
 from prooflight.spectra import WAVE_NM, delta_e00, lab, to_grid
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 _SPECTRAL: Final = re.compile(
     r"(?P<family>SPECTRAL_NM_?|SPECTRAL_?|SPEC_?|REFLECTANCE_?|REFL_?|NM_?|R_?|D_?|)(?P<nm>\d{3}(\.\d+)?)(NM)?",

@@ -17,18 +17,15 @@ as columns.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from pathlib import Path
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import ChartError, RequestError
 from prooflight.inks.cgats import Table, number, read_tables, write_tables
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 STEPS_PER_MM: Final = 10  # every edge lies on this raster
 SMALLEST_PATCH_MM: Final = 5.0  # the aperture of a hand-held spectrophotometer, or some 50 camera pixels

@@ -7,9 +7,11 @@ TIFF paint the same boxes in the same inks.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.errors import RequestError
@@ -25,11 +27,6 @@ from prooflight.inks.chart_layout import (
 from prooflight.inks.recipes import choose_recipes, printable_recipes
 from prooflight.pages.files import page_name, write_tiff
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 DPI: Final = STEPS_PER_MM * MM_PER_INCH
 _POINTS_PER_MM: Final = POINTS_PER_INCH / MM_PER_INCH

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from prooflight.inks.neighbours import tricube
-from prooflight.inks.reflectance import DARKEST
+from prooflight.inks.reflectance import DARKEST, ChartModel
 from prooflight.inks.selection import AUTO, FOLDS, Score, choose, cross_validate, fit_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     from prooflight.inks.chart import Chart
-    from prooflight.inks.reflectance import ChartModel
 
 # With 12 the spread is noisy (rms z 1.11 on an offset chart), with 48 it blurs; 24: 1.03
 _NEIGHBOURS: Final = 24

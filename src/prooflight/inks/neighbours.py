@@ -6,21 +6,18 @@ the plane's value is a weighted sum of the neighbours' spectra with weights that
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from prooflight.inks.reflectance import BRIGHTEST, DARKEST, in_chunks
 from prooflight.spectra import BANDS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    Weighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Weighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 _NEAREST: Final = 8  # of 6, 8, 12, 16, 24, 32 the one with the least median error on an offset chart, with 6
 # Slopes that the neighbours do not determine are taken as 0; others stay what they are

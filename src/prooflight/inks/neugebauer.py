@@ -10,21 +10,18 @@ Berns, "A critical review of spectral models applied to binary color printing", 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.inks.reflectance import BRIGHTEST, DARKEST, LogLinear, in_chunks
 from prooflight.spectra import BANDS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 _TVI: Final = (-0.10, 0.18)  # of t; with _SKEW every curve in these bounds rises from 0 to 1
 _SKEW: Final = (-0.06, 0.06)

@@ -11,20 +11,17 @@ sees, and that would call for blurring what it does see.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from prooflight.inks.neugebauer import Neugebauer
 from prooflight.inks.reflectance import BRIGHTEST, DARKEST, in_chunks
 from prooflight.spectra import BANDS, delta_e00, lab
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 _SMOOTHING: Final = 10.0 ** np.arange(-9.0, 1.6, 0.5)
 _FEWEST: Final = 12  # assumed: 5 of the tail, and some left to see a curvature

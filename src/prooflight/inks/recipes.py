@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import csv
 from itertools import product
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles, shortly
 from prooflight.inks.cgats import number
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 # Levels [%] of C, M and Y under each K: black hides them, so fewer are needed. The pattern is the field's
 # (ISO 12642-2 has such a lattice); single inks get finer steps below.

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.spectra import BANDS, on_grid
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
 
 DARKEST = 1e-4  # log r needs r > 0; spectrophotometers resolve about 1e-3, so this lies below any measurement
 BRIGHTEST = 1.2  # assumed: no brightened paper passes it; a prediction beyond is extrapolation gone wrong

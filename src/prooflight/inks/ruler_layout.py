@@ -17,21 +17,18 @@ between their edges, which neither a fat print nor a blurred one moves.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import RequestError
 from prooflight.inks.chart_layout import LARGEST_MM, STEPS_PER_MM, Box
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
 CELL_MM: Final = 96.0
 GROUP_MM: Final = 92.0

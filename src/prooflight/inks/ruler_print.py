@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.files.atomic import whole_file
 from prooflight.inks.chart_print import DPI
-from prooflight.inks.ruler_layout import MARGIN_MM
+from prooflight.inks.ruler_layout import MARGIN_MM, RulerLayout
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from prooflight.inks.ruler_layout import RulerLayout
 
 RASTER_DPI: Final = 2 * DPI
 """Resolution of the raster, 20 pixels a millimetre: only edges of turned squares fall inside a pixel."""

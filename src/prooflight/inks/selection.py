@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import ChartError, RequestError
 from prooflight.inks.neighbours import Neighbours
 from prooflight.inks.neugebauer import Neugebauer
 from prooflight.inks.radial_basis import Hybrid, RadialBasis
-from prooflight.inks.reflectance import LogLinear
+from prooflight.inks.reflectance import ChartModel, LogLinear
 from prooflight.rng import stream
 from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
     from prooflight.inks.chart import Chart
-    from prooflight.inks.reflectance import ChartModel
 
 MODELS: Final[Mapping[str, type[ChartModel]]] = MappingProxyType(
     {

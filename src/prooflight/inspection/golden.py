@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.base import Inspection, PressContext
 from prooflight.detectors.cost import RunningCosts
@@ -22,21 +24,15 @@ from prooflight.inspection.inspector import refuse_other_camera
 from prooflight.inspection.job import scan_missing
 from prooflight.pages.files import page_name
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.pages.zones.zone import PageZones
+from prooflight.pages.zones.zone import PageZones, Zone
 from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones
 from prooflight.scans.geometry import ScanGeometry
-from prooflight.scans.pictures import PictureFile, picture_files
+from prooflight.scans.pictures import Picture, PictureFile, picture_files
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.pages.zones.zone import Zone
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
-    from prooflight.scans.pictures import Picture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
-from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.devices import engine_name
+from prooflight.detectors.base import Detector, Device, Inspection, PlannedPage, PreparedPage, engine_name
 from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
-from prooflight.inspection.codes.finding import page_codes
+from prooflight.inspection.codes.finding import PageCode, page_codes
 from prooflight.inspection.codes.reading import with_codes
-from prooflight.inspection.light_level import light_levels, lit_squares, wrong_light
+from prooflight.inspection.light_level import LitSquares, light_levels, lit_squares, wrong_light
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Detector, Device, Inspection, PreparedPage, PressContext
-    from prooflight.inspection.codes.finding import PageCode
-    from prooflight.inspection.light_level import LitSquares
+    from prooflight.detectors.print_prior import PrintPrior
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zones_file import JobZones
     from prooflight.press.artefact import Press
@@ -49,6 +46,8 @@ class Inspector:
     press: Press
     detector: Detector
     zones: JobZones | None
+    print_prior: PrintPrior = field(init=False)
+    """How the press's good prints vary."""
 
     def __init__(
         self, press: Press, detector: Detector | None = None, *, zones: JobZones | None = None
@@ -63,6 +62,7 @@ class Inspector:
         object.__setattr__(self, "press", press)
         object.__setattr__(self, "detector", detector_of(None, press) if detector is None else detector)
         object.__setattr__(self, "zones", zones)
+        object.__setattr__(self, "print_prior", press.print_prior)
         if zones is not None and (unknown := zones.kinds - self.detector.zone_kinds):
             kind = f"{min(unknown)} zones" if self.detector.zone_kinds else "zones"
             what = f"{self.detector.name!r} does not support {kind}"
@@ -80,30 +80,25 @@ class Inspector:
 
     def under(self, press: Press) -> Self:
         """Return the same inspector on a press whose light has changed a little."""
-        return replace(self, press=press, detector=self.detector.at(self._press_context(press)))
+        own = self.detector.press_context
+        press_context = replace(press.press_context(own.threads), device=own.device)
+        return replace(self, press=press, detector=self.detector.at(press_context))
 
     def with_threads(self, threads: int | None) -> Self:
         """Return the same inspector with so many threads for one page; None: one a core."""
-        press_context = replace(self._press_context(self.press), threads=threads)
-        return replace(self, detector=self.detector.at(press_context))
+        return replace(self, detector=self.detector.at(replace(self.detector.press_context, threads=threads)))
 
     def on(self, device: Device) -> Self:
         """Return the same inspector with images of scans computed on the processor or on a graphics card.
 
         RequestError: there is no card, or the detector cannot use one.
         """
-        press_context = replace(self._press_context(self.press), device=device)
-        return replace(self, detector=self.detector.at(press_context))
+        return replace(self, detector=self.detector.at(replace(self.detector.press_context, device=device)))
 
     @property
     def engine(self) -> str:
         """What computes the images of scans, as journals record it: cpu, or gpu with the card's name and its driver."""
         return engine_name(self.detector.press_context.device)
-
-    def _press_context(self, press: Press) -> PressContext:
-        """Return a press's station with this inspector's threads and device."""
-        own = self.detector.press_context
-        return replace(press.press_context(own.threads), device=own.device)
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:
         """Return a page as it is to enter the press (``ScanGeometry.lay``).
@@ -111,8 +106,8 @@ class Inspector:
         threads: number used to prepare it.
         """
         zones = None if self.zones is None else self.zones.page(page)
-        press_context = self._press_context(self.press)
-        return PlannedPage(page, replace(press_context, threads=threads or press_context.threads), zones)
+        own = self.detector.press_context
+        return PlannedPage(page, own if threads is None else replace(own, threads=threads), zones)
 
     def prepare(self, page: Page | PlannedPage) -> Prepared:
         """Compute all data of a page, as it enters the press (``ScanGeometry.lay``), that need no scan."""
@@ -165,7 +160,11 @@ class Inspector:
         result = prepared.prepared_page.inspect(scan, seed=seed)
         lit = replace(result, verdict=self._under_its_light(result.verdict, prepared, scan))
         sensors, geometry = self.press.sensors, self.press.geometry
-        done = with_codes(lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry)
+        done = lit
+        if prepared.codes:
+            done = with_codes(
+                lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry
+            )
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         planned = PlannedPage(prepared.page, self.detector.press_context)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds), planned=planned)
@@ -173,11 +172,8 @@ class Inspector:
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: Scan) -> Verdict:
         """Return the verdict, or one of not-inspected with the reason where the light is wrong."""
         sensors = self.press.sensors
-        wrong = wrong_light(
-            light_levels(prepared.lit, scan.dn, sensors, lost=scan.lost),
-            sensors,
-            prior=self.press.print_prior,
-        )
+        levels = light_levels(prepared.lit, scan.dn, sensors, lost=scan.lost)
+        wrong = wrong_light(levels, sensors, prior=self.print_prior)
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict
         return replace(

@@ -4,34 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.optional import LearnsPages, ScannedPage
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, RequestError, ScanError
 from prooflight.inspection.guarantee import Judged, summary_of
 from prooflight.inspection.reasons import reason_of
-from prooflight.pages.job import opened
+from prooflight.pages.job import Job, JobSource, opened
 from prooflight.pages.parallel import KILLED, Files
-from prooflight.scans.recorded import recorded_scans
+from prooflight.scans.recorded import RecordedScan, recorded_scans
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Inspector, Prepared
-    from prooflight.pages.job import Job, JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.press.pages import PressJob
-    from prooflight.scans.recorded import RecordedScan
 
 Pair = tuple[int, "RecordedScan | None"]
 Item = TypeVar("Item")

@@ -10,21 +10,19 @@ A scan must have been made under the light that its press was calibrated for: th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.registration.coarse import shrunk
 from prooflight.scans.scan import touching
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.print_prior import PrintPrior
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction

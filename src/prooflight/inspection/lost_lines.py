@@ -9,11 +9,13 @@ sheet is inspected so. Lost lines are then evidence neither for a misprint nor a
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.optional import LeavesLostLinesOut
 from prooflight.detectors.verdict import Verdict
@@ -21,10 +23,6 @@ from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.scans.lines import Unseen

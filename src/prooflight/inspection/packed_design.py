@@ -6,11 +6,13 @@ A process that inspects the same designs again and again may keep their arrays w
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.optional import PacksArrays
@@ -19,10 +21,6 @@ from prooflight.kernels.run_lengths import Runs, count_runs, keep_runs, write_ru
 from prooflight.pages.parallel import parts_of, shared_out
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from prooflight.inspection.inspector import Prepared
 
 CELL_BYTES: Final = 4

@@ -14,6 +14,7 @@ import mmap
 import os
 import pickle
 import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -29,8 +30,6 @@ from prooflight.inspection.packed_design import PackedDesign
 from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.pages.job import JobSource
 

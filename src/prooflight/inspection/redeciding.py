@@ -7,28 +7,26 @@ passed and is sampled for review.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.base import StoredArrays
+from prooflight.detectors.base import Inspection, StoredArrays
 from prooflight.detectors.registry import detector
 from prooflight.errors import RequestError
 from prooflight.inspection.codes.reading import failed_again
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import Inspection
     from prooflight.detectors.verdict import Decision, Verdict
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-    StoredEvidence = Mapping[str, NDArray[Any]]
+
+StoredEvidence = Mapping[str, NDArray[Any]]
 
 CUTS: Final = 3
 """Greatest number of places of a misprint of which the scan is stored."""

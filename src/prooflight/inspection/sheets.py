@@ -8,15 +8,13 @@ the side counts as one, since the page is not known.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
-from prooflight.detectors.disposition import gravest
+from prooflight.detectors.disposition import Disposition, gravest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from prooflight.detectors.disposition import Disposition
     from prooflight.detectors.verdict import Verdict, VerdictName
     from prooflight.pages.layout.imposing import Place
     from prooflight.pages.layout.plan import SheetPlan

@@ -6,16 +6,14 @@ whichever is smaller.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.lines import same_row
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 LONGEST = 255
 """Greatest length of a run: it is stored in a byte. [cells]"""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,8 +13,6 @@ from prooflight.pages.files import page_name
 from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
     from prooflight.pages.job import Job
     from prooflight.pages.pdf.facts import PageFacts
     from prooflight.pages.raster import Page

@@ -7,6 +7,7 @@ tifffile does not, and must not: inside a TIFF the values are stored as they are
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tifffile
+from numpy.typing import NDArray
 
 from prooflight.errors import JobError, RequestError
 from prooflight.files.atomic import whole_file
@@ -23,9 +25,6 @@ from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
     from PIL.ImageFile import ImageFile
 
 PAGE_BYTES_PER_PIXEL = 4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,17 +19,14 @@ from prooflight.pages.memory import file_head
 from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.raster import Page
-from prooflight.pages.warnings import WHOLE_FILE
+from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from prooflight.pages.layout.layout import Layout
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.facts import DocumentFacts, PageFacts
     from prooflight.pages.spots.spot_print import SpotPrint
-    from prooflight.pages.warnings import PageWarning
 
 
 FINER: Final = 2

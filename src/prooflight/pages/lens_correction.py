@@ -5,14 +5,12 @@ their fit.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.prediction.lens_correction import FAR_BLOCK, FARTHER_BLOCK, NEAR_REACH
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 FAR_REACH: Final = 2
 FARTHER_REACH: Final = 3

@@ -6,12 +6,9 @@ import contextlib
 import ctypes
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from prooflight.errors import JobError
-
-if TYPE_CHECKING:
-    from prooflight.errors import InputError
+from prooflight.errors import InputError, JobError
 
 MODEST_BYTES: Final = 2 * 2**30
 """Memory that any file may need to be read."""

@@ -6,14 +6,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.planes import compose_by_parts, compose_rows
-from prooflight.pages.pdf.area_averages import FLAT, light_tables
+from prooflight.pages.pdf.area_averages import FLAT, InkLight, light_tables
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
 
 PARTS: Final = 4

@@ -6,17 +6,15 @@ import gc
 import os
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import cv2
 import scipy.linalg  # noqa: F401  before its threads can be limited, a library of linear algebra must be there
 from threadpoolctl import threadpool_limits
 
 from prooflight.pages.memory import keep_memory
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SWITCH_S: Final = 5e-4
 """Time for which a thread may keep the interpreter while another waits: a tenth of Python's own. A page

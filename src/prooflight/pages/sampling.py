@@ -9,14 +9,11 @@ camera pixels can be corrected from their neighbours (``LensCorrection``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 ROUNDING: Final = 1e-6
 """Tolerance [pixels] of a footprint's centre of mass, for rounding errors."""

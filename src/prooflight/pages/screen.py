@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from prooflight.cmyk import INKS
@@ -26,8 +27,6 @@ from prooflight.kernels.screening import (
 from prooflight.rng import stream
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.area_averages import InkLight
 
 ScreenKind = Literal["am", "fm", "error-diffusion"]

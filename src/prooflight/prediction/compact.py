@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from prooflight.kernels.comparison.dither import ROUNDING_VARIANCE_DN2
+from prooflight.kernels.comparison.one_pass import ROUNDING_VARIANCE_DN2
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 if TYPE_CHECKING:

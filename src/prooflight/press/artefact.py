@@ -28,11 +28,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors.numpy import save
 
 from prooflight.artefact import Damaged, Tensors
@@ -57,10 +59,6 @@ from prooflight.scans.geometry import ScanGeometry
 from prooflight.shown import Shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.entry import TrainedModel
     from prooflight.pages.pdf.area_averages import InkLight
 

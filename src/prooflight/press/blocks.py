@@ -6,7 +6,8 @@ import dataclasses
 import difflib
 import re
 import tomllib
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args, get_type_hints
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self, get_args, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -40,9 +41,6 @@ from prooflight.press.parts import PartsBlock
 from prooflight.press.spot_units import MOST_UNITS
 from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.scanner.feeder import FeederPrior
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Amount = Annotated[float, Field(strict=True, ge=0, le=1000)]
 """Amount of variation of good prints: per cent, micrometres, millimetres."""

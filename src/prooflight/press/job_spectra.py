@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from prooflight.errors import ChartError
 from prooflight.pages.spots.cxf import read_cxf, read_spot_ink, spot_names
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from prooflight.pages.pdf.facts import DocumentFacts
     from prooflight.pages.spots.spot_ink import SpotInk
 

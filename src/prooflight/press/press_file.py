@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight import spectra
 from prooflight.camera.camera import Camera
@@ -28,7 +30,7 @@ from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.spots.cxf import read_cxf, read_spot_ink
-from prooflight.press.blocks import IN_IDEAL, checked
+from prooflight.press.blocks import IN_IDEAL, SensorBlock, checked
 from prooflight.press.print_condition import PrintCondition
 from prooflight.press.spot_units import SpotUnit
 from prooflight.scans.alignment import SensorOffset
@@ -37,15 +39,11 @@ from prooflight.scans.geometry import ScanGeometry
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
     from pydantic import BaseModel
 
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.screen import Screen
-    from prooflight.press.blocks import SensorBlock
     from prooflight.press.gate import GateSettings
     from prooflight.press.outlets import PlantBlock
     from prooflight.press.parts import PartsBlock

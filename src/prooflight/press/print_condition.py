@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
@@ -10,8 +11,6 @@ from prooflight.errors import JobError, plain
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
     from prooflight.pages.job import Job
 
 CONDITION, BRAND, WEIGHT = "condition", "substrate_brand", "substrate_weight_gsm"

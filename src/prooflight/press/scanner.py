@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -12,8 +13,6 @@ from prooflight.pages.raster import MM_PER_INCH
 from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from prooflight.press.artefact import Press
     from prooflight.scans.scanner.feeder import FeederPrior
 

@@ -6,9 +6,11 @@ Detectors check their own parts (``deciding``), ink models theirs (``ink_schema`
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from prooflight.detectors.cost import RunningCosts
@@ -37,11 +39,6 @@ from prooflight.prediction.tables import ClippedShare
 from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI, StatedWorld
 from prooflight.press.spot_units import SpotUnits
 from prooflight.scans.geometry import ScanGeometry
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 LONGEST_PAGE_MM: Final = 420.0
 """Length of an A3 page, from which the memory for a geometry is estimated. [mm]"""

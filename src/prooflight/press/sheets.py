@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
 from prooflight.pages.layout.imposing import refuse_other_size, side_size
-from prooflight.pages.layout.layout import WHERE, backs_at
+from prooflight.pages.layout.layout import WHERE, Layout, backs_at
 from prooflight.pages.layout.plan import SheetPlan
 
 if TYPE_CHECKING:
     from prooflight.pages.job import Job
-    from prooflight.pages.layout.layout import Layout
     from prooflight.scans.geometry import ScanGeometry
 
 

@@ -7,8 +7,9 @@ this press's camera the same light, tint by tint (decision 45).
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Self
 
 import numpy as np
 from pydantic import Field
@@ -20,9 +21,6 @@ from prooflight.prediction.mixtures import mixtures
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
-
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.job_spectra import JobSpectra
 

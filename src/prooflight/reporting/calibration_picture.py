@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -9,16 +10,14 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
 from prooflight.reporting.press_pictures import draw_footprint
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from prooflight.commissioning.chart.calibrate import Calibration
 

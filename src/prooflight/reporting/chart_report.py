@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.html import data_uri, template
 from prooflight.spectra import WAVE_NM, delta_e00, lab, srgb_encoded, xyz
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from prooflight.inks.chart import Chart, Recipes
     from prooflight.inks.selection import CrossValidation, Score

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.cmyk import NAME_OF_INK
-from prooflight.reporting.defect_phrases import KINDS, TEXTS
+from prooflight.reporting.defect_phrases import KINDS, TEXTS, Code
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from prooflight.detectors.verdict import Ink, Region, Verdict
-    from prooflight.reporting.defect_phrases import Code
 
 Size = tuple[float, float]
 """Width and height of a page. [mm]"""

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.base import Inspection
 from prooflight.detectors.golden.detector import GUARANTEE
@@ -17,8 +18,6 @@ from prooflight.reporting.pictures import SATURATION, Frame, encoded, grey_pictu
 from prooflight.reporting.report import PAGE_PICTURE_PX, PageEntry, RunSummary, unpictured_entry
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.inspection.golden import GoldenInspector, GoldenPage
 
 PICTURE_GAMMA: Final = 2.2

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import base64
 from functools import cache
-from typing import TYPE_CHECKING
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from prooflight.reporting import wording
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 
 @cache

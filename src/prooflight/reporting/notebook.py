@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any, Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from prooflight.detectors.base import Inspection
+from prooflight.detectors.base import Inspection, PlannedPage
 from prooflight.detectors.registry import promises
-from prooflight.detectors.verdict import Verdict
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.errors import RequestError
 from prooflight.errors import sentence as one_line
 from prooflight.press.artefact import Press
@@ -18,10 +19,6 @@ from prooflight.reporting import pictures, wording
 from prooflight.reporting.html import data_uri, template
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from prooflight.detectors.base import PlannedPage
-    from prooflight.detectors.verdict import Region
     from prooflight.reporting.pictures import Frame
 
 PANEL_PX: Final = 400

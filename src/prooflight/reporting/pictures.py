@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
-from prooflight.detectors.base import BLOCK_PIXELS
+from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PlannedPage, PressContext
 from prooflight.spectra import srgb_encoded
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import Inspection, PlannedPage, PressContext
     from prooflight.detectors.verdict import Region
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -10,16 +11,13 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from prooflight.files.atomic import whole_file
 from prooflight.kernels.prediction.lookup import NODES
-from prooflight.prediction.tables import node_fractions
+from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.reporting.camera_pictures import COLOURS, DASHES
 from prooflight.reporting.pictures import appearance
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
 
-    from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
 
 RAMPS: Final = {

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from prooflight import __version__
@@ -14,7 +16,7 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.guarantee import summary_of
-from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
+from prooflight.inspection.job import UNUSABLE, InspectPage, Pair, lacks_scan, scan_missing, unusable
 from prooflight.inspection.sheets import Counts as SheetCounts
 from prooflight.inspection.sheets import SetVerdict, SheetVerdict
 from prooflight.pages.parallel import KILLED
@@ -23,14 +25,10 @@ from prooflight.reporting.defect_text import describe, shown_kind
 from prooflight.reporting.html import data_uri, template
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
 
     from prooflight.inspection.inspector import Inspector
-    from prooflight.inspection.job import InspectPage, Pair
     from prooflight.pages.raster import Page
     from prooflight.pages.warnings import PageWarning
     from prooflight.press.artefact import Press

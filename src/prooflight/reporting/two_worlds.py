@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
-from prooflight.detectors.base import BLOCK_PIXELS
+from prooflight.detectors.base import BLOCK_PIXELS, Area, Inspection
 from prooflight.reporting import wording
 from prooflight.reporting.pictures import encoded, error_colours, signals
 from prooflight.spectra import srgb_encoded
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import Area, Inspection
     from prooflight.detectors.verdict import Verdict
     from prooflight.press.artefact import Press
 

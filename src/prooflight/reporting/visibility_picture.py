@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 from PIL import Image
 
 from prooflight.detectors.cost import floor_text
@@ -19,10 +21,7 @@ from prooflight.files.atomic import whole_file
 from prooflight.reporting.pictures import encoded, page_picture
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from prooflight.detectors.visible_marks import PlaceRow, VisibleMarks
     from prooflight.inspection.inspector import Inspector

@@ -5,13 +5,12 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from prooflight.detectors.disposition import without_gate
+from prooflight.detectors.disposition import DecidedBy, Disposition, without_gate
 from prooflight.detectors.registry import family_text
 from prooflight.reporting.defect_phrases import KINDS
 from prooflight.reporting.defect_text import describe
 
 if TYPE_CHECKING:
-    from prooflight.detectors.disposition import DecidedBy, Disposition
     from prooflight.detectors.verdict import Verdict
 
 DISPOSITIONS: dict[Disposition, str] = {

@@ -8,19 +8,15 @@ the backing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from prooflight.errors import JobError
 from prooflight.files.fields import NO_OTHER_FIELDS, Lead, Pitch
-from prooflight.pages.raster import MM_PER_INCH, turned
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.pages.raster import Page
+from prooflight.pages.raster import MM_PER_INCH, Page, turned
 
 LEAST_MM: Final = 5.0
 LEAST_PIXELS: Final = 32

@@ -5,17 +5,14 @@ A new source is one small class with ``blocks`` and ``close``: see ``replay.Repl
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol
+from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import ScanError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
 BLOCK_LINES = 64
 """Lines in a block by default: 23 ms of the prototype's camera, a fiftieth of a page."""

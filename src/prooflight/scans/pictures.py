@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import ScanError
 from prooflight.pages.files import DPI_MAX, NO_UNIT, resolution_tags, tag_dpi
 from prooflight.pages.job import files_in
 from prooflight.pages.picture_files import bands, opened_picture
 from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SUFFIXES: Final = (*TIFF_SUFFIXES, ".jpg", ".jpeg", ".png")
 PLAIN: Final = {"P": "RGB", "RGBA": "RGB", "1": "L", "LA": "L"}

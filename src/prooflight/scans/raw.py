@@ -10,19 +10,15 @@ from __future__ import annotations
 
 import struct
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, BinaryIO, Final, get_args
+from typing import BinaryIO, Final, get_args
 
 import numpy as np
 
 from prooflight.errors import ScanError
 from prooflight.scans.lines import BLOCK_LINES, LineBlock, LineFault, LineFaultKind
-from prooflight.scans.streams import open_stream
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from prooflight.scans.streams import ByteStream
+from prooflight.scans.streams import ByteStream, open_stream
 
 MAGIC: Final = b"PLLB"
 HEADER: Final = struct.Struct("<4sHHIQd")

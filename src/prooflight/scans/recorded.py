@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import tifffile
+from numpy.typing import NDArray
 
 from prooflight.errors import ScanError
 from prooflight.files.atomic import whole_file
@@ -15,12 +17,6 @@ from prooflight.pages.job import files_in
 from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 from prooflight.scans.lines import BLOCK_LINES, LineBlock
 from prooflight.scans.pacing import Pacer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 _REMEDY = "scan the page again"
 

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.fast import fast_mean_variance, noisy
-from prooflight.simulation.misprints.kinds import draw_misprint
+from prooflight.simulation.misprints.kinds import Misprint, draw_misprint
 from prooflight.simulation.prints import Print, composed
 from prooflight.simulation.scans import TRIES, ideal_scan, passes_gate
 from prooflight.simulation.session import Session
-from prooflight.simulation.worlds import amounts_of, gate
+from prooflight.simulation.worlds import World, amounts_of, gate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-    from prooflight.simulation.misprints.kinds import Misprint
-    from prooflight.simulation.worlds import World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import RequestError
 from prooflight.scans.lines import BLOCK_LINES, LineBlock
 from prooflight.scans.pacing import Pacer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.press.artefact import Press
 
 OrderFault = Literal["blank", "repeated", "missing", "out-of-order", "unknown"]

@@ -6,6 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from prooflight.kernels.simulation.inks import PrintedInks, TrueTable, no_fields
@@ -14,17 +15,13 @@ from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import Prediction
 from prooflight.prediction.sampling_grid import sampling_grid
 from prooflight.simulation.halftone import halftoned
-from prooflight.simulation.prints import CLOUD_PITCH_MM, CONTRAST_PITCH_MM, plane_pixels, speck_pixels
-from prooflight.simulation.session import true_sensors
+from prooflight.simulation.prints import CLOUD_PITCH_MM, CONTRAST_PITCH_MM, Print, plane_pixels, speck_pixels
+from prooflight.simulation.session import Session, TrueSensor, true_sensors
 from prooflight.simulation.sheets import FIELD_PITCH_MM
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-    from prooflight.simulation.prints import Print
-    from prooflight.simulation.session import Session, TrueSensor
 
 
 def fast_scan(

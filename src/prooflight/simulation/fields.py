@@ -5,18 +5,15 @@ Points a length l apart have the correlation exp(-(d / l)^2): "smooth over l" me
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
 WAVES = 64
 """Number of cosines in a function; the sum of so many is Gaussian to a per cent of kurtosis."""

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass
 from operator import itemgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.files.given import GivenFiles
-from prooflight.pages.job import opened
+from prooflight.pages.job import JobSource, opened
 from prooflight.rng import stream
 from prooflight.scans.recorded import write_scan
-from prooflight.simulation.scans import scan_page
+from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import session_of
 from prooflight.simulation.worlds import measured_digest, worlds_digest
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Sequence
-    from pathlib import Path
-
-    from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
-    from prooflight.simulation.scans import MisprintRequest
 
 
 TRUTH_FILES: Final = GivenFiles(error=RequestError, remedy="give another folder", largest_mb=1000)

@@ -12,16 +12,13 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.pages.pdf.area_averages import area_averaged
-from prooflight.pages.screen import screened
+from prooflight.pages.pdf.area_averages import InkLight, area_averaged
+from prooflight.pages.screen import Screen, screened
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
-    from prooflight.pages.screen import Screen
 
 PRINTED_DPI: Final = 600.0
 """Resolution of the raster that is printed, or the device's own where that is lower. Of a screen of 175 lpi the light

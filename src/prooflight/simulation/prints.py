@@ -6,20 +6,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.scans.placement import Placement, Warp
 from prooflight.simulation.fields import smooth_field, smooth_line
-from prooflight.simulation.session import bounds_percent, lamp_profile, rounded
-from prooflight.simulation.sheets import RUN_SHEETS
+from prooflight.simulation.session import Session, bounds_percent, lamp_profile, rounded
+from prooflight.simulation.sheets import RUN_SHEETS, InkFields
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-    from prooflight.simulation.session import Session
-    from prooflight.simulation.sheets import InkFields
     from prooflight.simulation.worlds import PageAmounts, PaperAmounts
 
 WARP_LENGTH_MM: Final = 25.0

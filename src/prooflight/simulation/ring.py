@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import RequestError
-from prooflight.pages.job import opened
+from prooflight.pages.job import JobSource, opened
 from prooflight.pages.parallel import in_order
 from prooflight.pages.process import step_back
 from prooflight.rng import stream
-from prooflight.simulation.scans import scan_page
+from prooflight.simulation.scans import MisprintRequest, SimulatedScan, scan_page
 from prooflight.simulation.session import session_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-    from prooflight.simulation.scans import MisprintRequest, SimulatedScan
 
 OtherSheet = Literal["blank", "unknown"]
 OTHER_SHEETS: Final[tuple[OtherSheet, ...]] = get_args(OtherSheet)

@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
-from prooflight.prediction.predict import predict
+from prooflight.prediction.predict import Prediction, predict
 from prooflight.rng import stream
-from prooflight.scans.placement import IN_PLACE
+from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.scans.scan import Scan
 from prooflight.simulation.fast import fast_scan
-from prooflight.simulation.misprints.kinds import KINDS, draw_misprint
+from prooflight.simulation.misprints.kinds import KINDS, Misprint, draw_misprint
 from prooflight.simulation.prints import Print, composed
-from prooflight.simulation.session import session_of
+from prooflight.simulation.session import Session, session_of
 from prooflight.simulation.worlds import Gate, gate, world_named
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
-    from prooflight.prediction.predict import Prediction
     from prooflight.press.artefact import Press
-    from prooflight.scans.placement import Placement
-    from prooflight.simulation.misprints.kinds import Misprint
-    from prooflight.simulation.session import Session
 
 TRIES = 9
 """Greatest number of draws of a misprint: one without visible change is drawn again at most 8 times (worlds.toml)."""

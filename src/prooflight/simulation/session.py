@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
@@ -15,15 +16,12 @@ from prooflight.rng import stream
 from prooflight.simulation.fields import ColourWaves, smooth_line
 from prooflight.simulation.halftone import dot_gain_factor
 from prooflight.simulation.sheets import SheetState
-from prooflight.simulation.worlds import amounts_of, world_named
+from prooflight.simulation.worlds import Amounts, World, amounts_of, world_named
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.screen import Screen
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
-    from prooflight.simulation.worlds import Amounts, World
 
 LAMP_LENGTH: Final = 0.25
 """assumed: a lamp is a row of sources or a tube, uniform over a quarter of the field."""

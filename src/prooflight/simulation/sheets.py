@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.simulation.fields import Waves, smooth_field
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
     from prooflight.simulation.worlds import SheetAmounts
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import resources
@@ -20,8 +21,6 @@ from prooflight.files.given import shortly
 from prooflight.pages.screen import Screen
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from prooflight.press.artefact import Press
 
 World = Literal["ideal", "press", "measured"]

@@ -19,7 +19,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.camera.exploring import varied
 from prooflight.commissioning.characterise import trial_recipes
 from prooflight.commissioning.chart.calibrate import calibrate_from
-from prooflight.commissioning.chart.scan_reading import read_scan
+from prooflight.commissioning.chart.patch_reading import read_scan
 from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes
 from prooflight.inks.chart_print import raster
 from prooflight.inks.recipes import choose_recipes, printable_recipes
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.commissioning.chart.calibrate import Calibration
-    from prooflight.commissioning.chart.scan_reading import ScanRead
+    from prooflight.commissioning.chart.patch_reading import ScanRead
     from prooflight.press.artefact import Press
 
 DPI: Final = 300.0

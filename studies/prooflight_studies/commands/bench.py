@@ -68,7 +68,7 @@ def _of_card(job: Path | None, *, prints: int, docs: Path | None, json: bool) ->
 
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.cache import trained_once
-    from prooflight.detectors.devices import refuse_without_card
+    from prooflight.detectors.base import refuse_without_card
     from prooflight.press.press_file import PressFile
 
     refuse_without_card()

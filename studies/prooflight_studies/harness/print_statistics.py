@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.analysis import PreparedPage
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.pages.raster import Page
     from prooflight.simulation.corpus.corpus import Designs

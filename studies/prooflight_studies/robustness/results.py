@@ -11,7 +11,7 @@ from scipy import special
 
 from prooflight.detectors.paper.bayes import BayesianNetwork
 from prooflight.detectors.paper.evidence import interval_edges, interval_shares
-from prooflight.kernels.comparison.dither import CODE_STEPS
+from prooflight.kernels.comparison.one_pass import CODE_STEPS
 from prooflight.rng import stream
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.measures import LEAST_MAGNITUDE, MEAN, MEAN_OF_MAGNITUDES, MINIMUM

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.cmyk import INK_NAMES
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.variation import determined_shares, fitted_amounts
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.analysis import PreparedPage
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight_line.run.monitor.run import Announcement

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.statistics.families import (
     remaining_statistics,
     screen_statistics,
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press

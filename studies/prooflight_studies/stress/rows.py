@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from prooflight.commissioning.training.simulated_days import PressDay
-    from prooflight.detectors.matched_filter.analysis import PreparedPage
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.press_file import PressFile
     from prooflight_studies.harness.print_statistics import Scene

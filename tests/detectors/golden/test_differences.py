@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.detectors.golden.detector import LEAST_VOLUME, marks
-from prooflight.detectors.golden.differences import Tolerance, compare, in_contrasts
-from prooflight.detectors.golden.levels import level_difference
+from prooflight.detectors.golden.differences import Tolerance, compare, in_contrasts, level_difference
 from prooflight.detectors.golden.place import GoldenPlace, place, residual_pixels
 
 LINES, PIXELS = 320, 384

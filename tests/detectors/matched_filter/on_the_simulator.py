@@ -10,10 +10,10 @@ import sys
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.detectors.matched_filter.analysis import analyse_registered, prepare_page
+from prooflight.detectors.matched_filter.analysis import HostImages, analyse_registered
 from prooflight.detectors.matched_filter.card.images import engine_on
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
-from prooflight.detectors.matched_filter.scan_images import HostImages
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.kernels.gpu.body import SIMULATED
 from prooflight.kernels.gpu.runners import Card, Pool

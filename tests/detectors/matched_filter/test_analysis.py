@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.analysis import PreparedPage, analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
+from prooflight.detectors.matched_filter.design import PreparedPage, prepare_page
 from prooflight.detectors.matched_filter.fit.modes import mode_tables
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.families import all_statistics

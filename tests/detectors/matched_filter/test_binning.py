@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.analysis import prepare_page
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.fit.binning import (
     binned,
     binned_geometry,

@@ -14,9 +14,10 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from prooflight.detectors.devices import refuse_without_card
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.base import refuse_without_card
+from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card.images import engine_on
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of

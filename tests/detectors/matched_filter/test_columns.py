@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.columns import MOST_COLUMNS, faulty_columns
+from prooflight.detectors.matched_filter.fit.binning import MOST_COLUMNS, faulty_columns
 from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
 from prooflight.scans.placement import Placement

@@ -10,9 +10,9 @@ import pytest
 from prooflight.detectors.matched_filter.fit.modes import Modes, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
     FitBlocks,
+    NuisanceModel,
     PlacedScan,
     ResidualVariance,
-    free_gains,
     page_colours,
     summed_blocks,
 )
@@ -70,7 +70,7 @@ def test_an_ink_far_off_is_named_with_all_of_its_amount(
     sensors, geometry = press.sensors, press.geometry
     placed = placed_of(press, page, scan)
     blocks = FitBlocks.of(placed.seen_by_all())
-    gains = free_gains(
+    model = NuisanceModel.of(
         blocks,
         summed_blocks(placed, blocks, 1),
         sensors=sensors,
@@ -80,4 +80,4 @@ def test_an_ink_far_off_is_named_with_all_of_its_amount(
         prior=PrintPrior(),
         residual_variance=ResidualVariance(),
     )
-    assert gains == {ink: pytest.approx(gain, abs=0.04) for ink, gain in found.items()}
+    assert model.free_gains() == {ink: pytest.approx(gain, abs=0.04) for ink, gain in found.items()}

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.fit.hidden import PLANE_SD, hidden_edges, with_hidden_edges
+from prooflight.detectors.matched_filter.analysis import analyse
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.fit.modes import prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
-from prooflight.kernels.residuals.hidden_edges import hidden_slopes
+from prooflight.detectors.matched_filter.fit.special_places import PLANE_SD, hidden_edges, with_hidden_edges
+from prooflight.kernels.residuals.page_features import hidden_slopes
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration.register import prepare

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.layout import FitLayout
-from prooflight.detectors.matched_filter.fit.nuisance import amounts_sd
+from prooflight.detectors.matched_filter.fit.nuisance import FitLayout, amounts_sd
 from prooflight.detectors.print_prior import PrintPrior
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.learn import Pages, learn_model
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed

@@ -6,23 +6,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.detectors.matched_filter.test_nuisance import nuisance_fit
 
 from prooflight.detectors.matched_filter.fit.modes import Modes, moved, pixel_map, prepare_modes
-from prooflight.detectors.matched_filter.fit.moves import (
+from prooflight.detectors.matched_filter.fit.nuisance import (
+    PlacedScan,
+    ResidualVariance,
+    page_colours,
+)
+from prooflight.detectors.matched_filter.fit.residuals import (
     CORRECTED_SHARE,
     LOCAL_PIXELS,
     by_prediction,
     corrected,
     local_moves,
+    residual_images,
     take_moves,
 )
-from prooflight.detectors.matched_filter.fit.nuisance import (
-    PlacedScan,
-    ResidualVariance,
-    fit_nuisances,
-    page_colours,
-)
-from prooflight.detectors.matched_filter.fit.residuals import residual_images
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
@@ -68,7 +68,7 @@ def test_rules_that_lie_a_little_off_are_all_but_gone_once_predicted_anew(press:
     truth = seen_at(press, rules, Placement(shift_mm=(OFF_MM, -OFF_MM)))
     scan = ideal_scan(truth, press, np.random.default_rng(1))
     placed, variance = placed_in(press, rules, scan), ResidualVariance()
-    fit = fit_nuisances(
+    fit = nuisance_fit(
         placed,
         planes=np.zeros((4, 2)),
         pixel_mm=press.geometry.pixel_pitch_mm,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from prooflight.detectors.matched_filter.analysis import with_added
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
     Modes,
@@ -21,13 +22,14 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     COLOURS,
     FOLLOWED,
     Fit,
+    FitBlocks,
+    NuisanceModel,
     PlacedScan,
     ResidualVariance,
-    fit_nuisances,
     page_colours,
+    summed_blocks,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
-from prooflight.detectors.matched_filter.scan_images import with_added
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
@@ -70,6 +72,12 @@ def recoloured(page: Page, ink: int, factor: float) -> Page:
     return Page(cmyk=np.rint(cmyk).clip(0, 255).astype(np.uint8), dpi=page.dpi, name=page.name, number=1)
 
 
+def nuisance_fit(placed: PlacedScan, **of: Any) -> Fit:
+    blocks = FitBlocks.of(placed.seen_by_all())
+    sums = summed_blocks(placed, blocks, 1)
+    return NuisanceModel.of(blocks, sums, sensors=placed.sensors, colours=placed.colours, **of).fit()
+
+
 @dataclass(frozen=True)
 class Judged:
     fit: Fit
@@ -100,7 +108,7 @@ def judged(
         colours=page_colours(own.cover),
     )
     placed = with_added(placed, AddedInks(page, sensors=sensors, geometry=geometry, bins=1))
-    fit = fit_nuisances(
+    fit = nuisance_fit(
         placed, planes=planes, pixel_mm=pitch, prior=PrintPrior(), residual_variance=ResidualVariance()
     )
     light = placed.light()
@@ -277,7 +285,7 @@ def fit_of_light(
         sensors=[sensor],
         colours=page_colours(modes.cover),
     )
-    return fit_nuisances(
+    return nuisance_fit(
         placed,
         planes=np.zeros((4, 2)),
         pixel_mm=0.1,

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, learn_model
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.calibrated import score_of
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.exchangeability import SCORE, groups_of, summaries
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.shipped import shipped_ranking

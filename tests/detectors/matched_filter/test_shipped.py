@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.shipped import ShippedRanking, shipped_ranking
 from prooflight.detectors.matched_filter.statistics.families import all_statistics

@@ -21,7 +21,7 @@ from prooflight.detectors.matched_filter.statistics.slants import (
 )
 from prooflight.detectors.matched_filter.statistics.statistic import OWN_PAGE, Observed, Statistic
 from prooflight.detectors.print_prior import PrintPrior
-from prooflight.kernels.statistics.slants import slanted
+from prooflight.kernels.statistics.streaks import slanted
 
 SEED = 20261123
 WHITE = np.array([1.0, 1.0, 0.0])

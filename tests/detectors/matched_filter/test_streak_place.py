@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.extents import ColumnEvidence
+from prooflight.detectors.matched_filter.extents import ColumnEvidence, streak_centre
 from prooflight.detectors.matched_filter.fit.modes import pixel_map
 from prooflight.detectors.matched_filter.statistics.local_evidence import SEGMENTS
-from prooflight.detectors.matched_filter.streak_place import streak_centre
 from prooflight.pages.raster import Page
 from prooflight.scans.placement import Placement
 

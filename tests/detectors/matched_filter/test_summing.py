@@ -38,8 +38,7 @@ from prooflight.kernels.residuals.residuals import (
 )
 from prooflight.kernels.statistics.boxes import own_of_cells
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
-from prooflight.kernels.statistics.slants import tile_scores
-from prooflight.kernels.statistics.streaks import levelled_parts, widened
+from prooflight.kernels.statistics.streaks import levelled_parts, tile_scores, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 from prooflight.pages.parallel import parts_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.fit.binning import binned_geometry, bins_of, thinned
-from prooflight.detectors.matched_filter.fit.unresolved import REACH, WINDOW, unresolved_places
+from prooflight.detectors.matched_filter.fit.special_places import REACH, WINDOW, unresolved_places
 from prooflight.detectors.matched_filter.statistics.marks import classify
 from prooflight.kernels.statistics.marks import NOT_INSPECTED
 from prooflight.pages.raster import Page

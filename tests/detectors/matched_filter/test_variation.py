@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.layout import FitLayout
+from prooflight.detectors.matched_filter.fit.nuisance import FitLayout
 from prooflight.detectors.matched_filter.variation import (
     AMOUNTS,
     UNTOLD,

@@ -23,7 +23,6 @@ from prooflight.detectors.paper.evidence import (
     join,
     parts,
 )
-from prooflight.kernels.comparison import dither as dither_kernels
 from prooflight.kernels.comparison import one_pass as kernels
 from prooflight.prediction.compact import Scale
 
@@ -161,7 +160,7 @@ def test_the_dither_draws_from_the_law_before_rounding(sigma: float, tolerance: 
     noise = np.arange(31, 65536, 64, dtype=np.uint16)
     inverse = np.full(noise.size, round(2**scale.inverse_bits / np.sqrt(sigma**2 + 1 / 12)), np.uint16)
     z, codes = np.empty(noise.size, np.int16), np.empty(noise.size, np.int8)
-    dither = dither_kernels.dither_row if sigma < 4 else dither_kernels.dither_soft_row
+    dither = kernels.dither_row if sigma < 4 else kernels.dither_soft_row
     for n in range(int(1000 - 2.2 * sigma), int(1000 + 2.2 * sigma) + 1):
         seen, mean = np.full(noise.size, n, np.uint16), np.full(noise.size, round(1000.3125 * 16), np.uint16)
         kernels.normalise_row(seen, mean, inverse, camera.top_code, camera.mean_bits, camera.drop, z)
@@ -181,7 +180,7 @@ def test_settled_codes_lie_in_the_interval_of_the_law(n: int, mean_dn: float, si
     inverse = np.full(noise.size, int(2**scale.inverse_bits / np.sqrt(sigma**2 + 1 / 12)), np.uint16)
     codes = np.zeros(noise.size, np.int8)
     edges = interval_edges()
-    dither_kernels.settle_row(seen, mean, inverse, camera, noise, edges, special.ndtr(edges / 64), codes)
+    kernels.settle_row(seen, mean, inverse, camera, noise, edges, special.ndtr(edges / 64), codes)
     law = exact_code(n, mean_dn, sigma, (noise + 0.5) / 65536, 4095)
     clear = np.abs(law[:, None] - edges).min(axis=1) > 0.02
     assert clear.mean() > 0.9
@@ -234,7 +233,7 @@ def test_loops_are_vector_instructions_of_words(
         "count_lines": (many.astype(np.int8), codes[:15], np.zeros((15, 64), np.uint8)),
         "fold_lines": (many, z),
     }[name]
-    code = instructions(getattr(dither_kernels if "dither" in name else kernels, name), *arguments)
+    code = instructions(getattr(kernels, name), *arguments)
     for pattern in wanted:
         assert re.search(rf"\b(?:{pattern})\b.*%[yz]mm", code), f"no {pattern} of whole registers in {name}"
     for pattern in unwanted:

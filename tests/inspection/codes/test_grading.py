@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.inspection.codes.grading import CONTRAST, DEFECTS, decodability, letter, level
-from prooflight.inspection.codes.profiles import Profile, cut_elements
+from prooflight.inspection.codes.symbols import Profile, cut_elements
 
 STEP = 0.25
 PAPER, INK = 1.0, 0.1

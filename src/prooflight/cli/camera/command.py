@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,8 +20,6 @@ from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import LineSensor
     from prooflight.commissioning.camera.exposures import ExposureRequest

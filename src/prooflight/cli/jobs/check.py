@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -16,8 +17,6 @@ from prooflight.errors import visible
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
     from prooflight.cli.jobs.stated_spots import StatedSpots
     from prooflight.pages.check import CheckedPage, EarlyWarnings
     from prooflight.pages.job import Job

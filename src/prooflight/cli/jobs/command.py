@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -32,8 +33,6 @@ from prooflight.errors import RequestError
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
     from prooflight.cli.jobs.comparison import Comparison
     from prooflight.cli.jobs.inspected import Inspected
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from prooflight.cli import imposition, show
@@ -10,17 +12,13 @@ from prooflight.cli.jobs.check import checked_early
 from prooflight.cli.jobs.zones import zones_in_force
 from prooflight.detectors.registry import PREFERRED
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.job import InspectPage, paired
+from prooflight.inspection.job import InspectPage, Pair, paired
 from prooflight.inspection.prepared_store import PreparedStore
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
-
     from prooflight.detectors.base import Device
-    from prooflight.inspection.job import Pair
     from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.layout.plan import SheetPlan
 

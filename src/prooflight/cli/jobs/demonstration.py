@@ -6,9 +6,11 @@ import hashlib
 import json
 import math
 import shutil
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.build import build_press
@@ -18,10 +20,10 @@ from prooflight.files.atomic import whole_file
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
 from prooflight.inspection.inspector import Inspector
-from prooflight.pages.job import opened
+from prooflight.pages.job import JobSource, opened
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.reporting.report import PageEntry, page_entry
-from prooflight.reporting.two_worlds import two_worlds
+from prooflight.reporting.two_worlds import TwoWorlds, two_worlds
 from prooflight.reporting.visibility_picture import VisibleOnPage
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
@@ -31,14 +33,9 @@ from prooflight.simulation.session import session_of
 from prooflight.simulation.worlds import Gate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
     from prooflight.commissioning.training.train import Shown
-    from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-    from prooflight.reporting.two_worlds import TwoWorlds
 
 FEWEST_PRINTS = 8
 """Fewest prints: a shorter job is printed several times, so that each kind of misprint can be shown next

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from prooflight.cli import show
 from prooflight.errors import JobError, RequestError
 from prooflight.pages.files import page_name
-from prooflight.pages.job import JobSource
+from prooflight.pages.job import Job, JobSource
 from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from prooflight.cli.jobs.inspected import Inspected
-    from prooflight.pages.job import Job
 
 
 def inspect_golden(

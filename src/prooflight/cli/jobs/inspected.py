@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import of_run
@@ -14,8 +14,6 @@ from prooflight.inspection.job import first_reason
 from prooflight.inspection.reasons import reason_of
 from prooflight.reporting.wording import count, not_inspected
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
 Item = TypeVar("Item")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -10,16 +11,12 @@ from prooflight.inspection.scanner.finding import ExpectedPages, placed_scans
 from prooflight.pages.job import JobSource
 from prooflight.press.artefact import Press
 from prooflight.press.scanner import feeder_of, field_mm, press_dpi, scanner_press_file
-from prooflight.scans.scanner.reading import ScannerSettings
-from prooflight.scans.scanner.tone import Tone
+from prooflight.scans.scanner.reading import ScannedPage, ScannedPicture, ScannerSettings, Tone
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from prooflight.commissioning.training.train import Shown
     from prooflight.inspection.job import Pair
     from prooflight.pages.zones.zones_file import JobZones
-    from prooflight.scans.scanner.reading import ScannedPage, ScannedPicture
 
 DESIGNS: Final = 24
 """Designs printed to train the matched filter for a scanner, as for the demonstration's press."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -15,8 +16,6 @@ from prooflight.reporting.wording import count
 from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.job import Job
     from prooflight.pages.spots.spot_print import SpotPrint

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomlkit
+from numpy.typing import NDArray
 
 from prooflight.camera.sharpness import nyquist_per_mm, sharpness
 from prooflight.commissioning.characterise import recipe_grid, signal_dn, variance_dn2
@@ -19,10 +21,6 @@ from prooflight.prediction.tables import node_fractions
 from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import LineSensor
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, special
 
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.errors import ScanError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.commissioning.camera.exposures import Exposure
 
 HIGH_PASS_COLUMNS = 25

@@ -20,10 +20,12 @@ Three departures from the standard, for line cameras as they are used here:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.commissioning.camera.fixed_pattern import (
@@ -36,10 +38,6 @@ from prooflight.commissioning.camera.fixed_pattern import (
 from prooflight.errors import ScanError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.commissioning.camera.exposures import Exposure
 
 CLIPPED_SHARE = 0.001

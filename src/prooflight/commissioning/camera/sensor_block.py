@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +20,6 @@ from prooflight.errors import RequestError, ScanError
 from prooflight.spectra import WAVE_NM
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from prooflight.camera.sensor import LineSensor
     from prooflight.commissioning.camera.exposures import Exposure
 

@@ -11,27 +11,24 @@ in the tables. Several prints of the chart average that.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.commissioning.chart.dn_model import FEWEST_RECIPES
 from prooflight.commissioning.chart.joint_fit import JointFit, fit_jointly
-from prooflight.commissioning.chart.patch_noise import SignalNoise, fit_noise
-from prooflight.commissioning.chart.press import Learned, assemble_press
+from prooflight.commissioning.chart.patch_reading import ScanRead, read_scan
+from prooflight.commissioning.chart.press import Learned, SignalNoise, assemble_press, fit_noise
 from prooflight.commissioning.chart.scan import AUTO
-from prooflight.commissioning.chart.scan_reading import ScanRead, read_scan
 from prooflight.errors import ScanError
 from prooflight.inks.chart_layout import PlacedRecipes, read_recipe_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from prooflight.press.artefact import Press
 
 FULLEST: Final = 0.9

@@ -17,9 +17,10 @@ interaction of four.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
@@ -27,9 +28,6 @@ from prooflight.cmyk import INKS
 from prooflight.inks.neugebauer import Neugebauer, effective_area
 from prooflight.inks.reflectance import in_chunks
 from prooflight.spectra import BANDS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 FEWEST_RECIPES: Final = 24
 """assumed: solids and overprints of four inks, and some tints of each; fewer leave tone curves open."""

@@ -9,21 +9,18 @@ edge's own place is free, for paper is never quite where it should be.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from prooflight.commissioning.chart.finding import mark_edges
+from prooflight.commissioning.chart.finding import DetectedChart, mark_edges
 from prooflight.pages.sampling import Footprint
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.commissioning.chart.finding import DetectedChart
     from prooflight.inks.chart_layout import Layout
 
 

@@ -8,21 +8,19 @@ it to a fraction of a pixel.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from prooflight.errors import ScanError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from prooflight.commissioning.chart.scan import ChartScan
     from prooflight.inks.chart_layout import Box, Layout
 

@@ -9,19 +9,17 @@ by least squares regularised towards zero, and the model again to the patches wi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.commissioning.chart.dn_model import SignalModel
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.commissioning.chart.patch_reading import PatchReadings
     from prooflight.inks.chart_layout import PlacedRecipes
 

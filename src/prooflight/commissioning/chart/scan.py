@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import io
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import ImageCms
 
 from prooflight.errors import RequestError, ScanError
@@ -23,13 +26,7 @@ from prooflight.pages.tiff_images import BAND_ROWS, TiffImages, decode_into, ope
 from prooflight.scans.recorded import RecordedScan
 from prooflight.spectra import srgb_light
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 AUTO, LINEAR, SRGB = "auto", "linear", "srgb"
 ENCODINGS: Final = (AUTO, LINEAR, SRGB)

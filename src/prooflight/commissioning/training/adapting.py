@@ -11,16 +11,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.commissioning.training.learn import LEAST_SCALE, certain_score, shift_and_scale
-from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.commissioning.training.learn import LEAST_SCALE, Pages, certain_score, shift_and_scale
+from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, GoodPages
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.commissioning.training.learn import Pages
-    from prooflight.detectors.false_alarm_rate import ReferenceScores
     from prooflight.detectors.matched_filter.model import DetectorModel
 
 LEAST_EXACT: Final = 0.1

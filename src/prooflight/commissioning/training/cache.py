@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.train import DEFAULT_RATE, trained
+from prooflight.commissioning.training.train import DEFAULT_RATE, Shown, trained
 from prooflight.errors import ProoflightError
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
@@ -22,9 +23,6 @@ from prooflight.press.artefact import Press
 from prooflight.simulation.corpus.corpus import Corpus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from prooflight.commissioning.training.train import Shown
     from prooflight.detectors.entry import TrainedModel, Training
     from prooflight.pages.parallel import Processes
     from prooflight.press.press_file import PressFile

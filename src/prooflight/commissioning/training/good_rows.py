@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors.numpy import save
 
 from prooflight.artefact import Damaged, Tensors
@@ -19,11 +22,6 @@ from prooflight.files.atomic import whole_file
 from prooflight.files.schema import ArraySpec, Misfit, check_arrays
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.optional import ScannedPage
     from prooflight.press.artefact import Press

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
@@ -25,11 +27,6 @@ from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.statistics.forest import Examples, TreeNodes, grow
 from prooflight.kernels.statistics.page_scale import ONE_SIGMA
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
 RIDGE: Final = 3.0
 """Ridge of the baseline, as a number of pages that showed no influence of their content."""

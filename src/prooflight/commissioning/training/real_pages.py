@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,20 +25,15 @@ from prooflight.commissioning.training.good_rows import (
 from prooflight.commissioning.training.learn import Pages
 from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
 from prooflight.detectors.matched_filter.entry import NAME, model_of
-from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts
+from prooflight.detectors.matched_filter.variation import UNTOLD, Learned, learned_amounts
 from prooflight.errors import RequestError
 from prooflight.press.blocks import VARIATION
-from prooflight.simulation.worlds import amounts_of
+from prooflight.simulation.worlds import Amounts, amounts_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.variation import Learned
     from prooflight.detectors.optional import ScannedPage
     from prooflight.press.artefact import Press
-    from prooflight.simulation.worlds import Amounts
 
 FEWEST_REAL: Final = 20
 """Least number of pages: fewer could not even guarantee one false alarm in 20."""

@@ -4,42 +4,37 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.analysis import ScanAnalysis, analyse
+from prooflight.detectors.matched_filter.design import PreparedPage, prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
-from prooflight.detectors.matched_filter.statistics.local_evidence import assumed_light
-from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
+from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, assumed_light
+from prooflight.detectors.matched_filter.statistics.statistic import Observed, keys_of, values_of
 from prooflight.detectors.paper.bayes import window_statistics, window_unit
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.placing import shows_another
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.rng import stream
-from prooflight.simulation.captures import SimulatedDay
+from prooflight.simulation.captures import Printed, SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts, amounts_of, stated_amounts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight.simulation.captures import Printed
     from prooflight.simulation.corpus.corpus import Designs
 
-    Rows = dict[str, NDArray[Any]]
-
+Rows = dict[str, NDArray[Any]]
+"""Columns of statistics, by name."""
 DESIGNS_A_DAY: Final = 4
 """assumed: few, since days differ by more than prints of a day do."""
 LONGEST: Final = 1.45

@@ -11,15 +11,18 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
+    Rows,
     ScatterWork,
     StatisticsWork,
     UnitWork,
@@ -27,8 +30,9 @@ from prooflight.commissioning.training.simulated_days import (
     good_prior,
     good_residual_variance,
 )
-from prooflight.detectors.matched_filter.analysis import analyse_registered, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse_registered
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
+from prooflight.detectors.matched_filter.design import prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
@@ -36,25 +40,19 @@ from prooflight.detectors.paper.bayes import CORRECT, BayesDetector, BayesianNet
 from prooflight.errors import RequestError
 from prooflight.kernels.cache import is_cached
 from prooflight.kernels.statistics.forest import shares_of
-from prooflight.pages.parallel import in_order
+from prooflight.pages.parallel import Processes, in_order
 from prooflight.prediction.predict import predict
 from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
 from prooflight.simulation.misprints.kinds import scope_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from numpy.typing import NDArray
-
-    from prooflight.commissioning.training.simulated_days import Rows
     from prooflight.detectors.entry import TrainedModel
-    from prooflight.pages.parallel import Processes
+    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
 
-    Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
-    from prooflight.pages.raster import Page
+Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
 FEWEST: Final = 24
 """Least number of designs for training: 6 for scatter, 18 to calibrate."""

@@ -8,40 +8,43 @@ them. Then more good prints get defects, of adaptively chosen sizes.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.zones.caught import Caught, Trial, caught, next_strength
-from prooflight.commissioning.zones.defects import SORTS, areas_of, with_defect
-from prooflight.detectors.base import PlannedPage
+from prooflight.commissioning.zones.defects import (
+    SORTS,
+    Caught,
+    Trial,
+    areas_of,
+    caught,
+    next_strength,
+    with_defect,
+)
+from prooflight.detectors.base import Detector, PlannedPage, PreparedPage
 from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
-from prooflight.detectors.optional import GoodPrint, PricesZones
+from prooflight.detectors.optional import GoodPrint, PricesZones, ZonePricing
 from prooflight.detectors.registry import detector as detector_of
 from prooflight.errors import RequestError
-from prooflight.pages.job import opened
+from prooflight.pages.job import JobSource, opened
 from prooflight.pages.parallel import in_order
 from prooflight.pages.zones.zone import PageZones
-from prooflight.pages.zones.zones_file import PriceEntry
+from prooflight.pages.zones.zones_file import JobZones, PriceEntry
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 from prooflight.simulation.captures import SimulatedDay
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from prooflight.detectors.base import Detector, PreparedPage
-    from prooflight.detectors.optional import ZonePricing
-    from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
-    from prooflight.pages.zones.zones_file import JobZones
     from prooflight.press.artefact import Press
 
-    AreaKey = tuple[str, str]
-    """Name and kind of an area."""
-    Shown = Callable[[Iterable[Any], int, str], Iterable[Any]]
+
+AreaKey = tuple[str, str]
+"""Name and kind of an area."""
+Shown = Callable[[Iterable[Any], int, str], Iterable[Any]]
 
 PRINTS: Final = 90
 """Default number of prints: two thirds of them, their tail extrapolated tenfold, reach one good page in 600."""

@@ -9,14 +9,15 @@ numbers are sRGB's (IEC 61966-2-1), clipped at black and white.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.base import Inspection, PreparedOnly
+from prooflight.detectors.base import Inspection, PlannedPage, PreparedOnly, PressContext
 from prooflight.detectors.golden.detector import Golden, GoldenDetector, GoldenSheet, PictureDetector
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
@@ -24,11 +25,6 @@ from prooflight.errors import RequestError
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import PlannedPage, PressContext
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel

@@ -5,32 +5,38 @@ Regions are differences to the golden scan, joined where they are close, weighte
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PreparedOnly
-from prooflight.detectors.golden.differences import Tolerance, compare, place_of, residual_of
-from prooflight.detectors.golden.place import TILE_PIXELS
+from prooflight.detectors.base import (
+    BLOCK_PIXELS,
+    ContextDetector,
+    Inspection,
+    PlannedPage,
+    PreparedOnly,
+    StoredArrays,
+)
+from prooflight.detectors.golden.differences import (
+    GoldenDifference,
+    Tolerance,
+    compare,
+    place_of,
+    residual_of,
+)
+from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Decision, Region, Verdict
 from prooflight.errors import RequestError, ScanError
-from prooflight.pages.zones.zone import Kind
+from prooflight.pages.zones.zone import Kind, PageZones
 from prooflight.prediction.predict import Prediction
 from prooflight.scans.placement import Placement
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import PlannedPage, StoredArrays
-    from prooflight.detectors.golden.differences import GoldenDifference
-    from prooflight.detectors.golden.place import GoldenPlace
-    from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, sparse
 from scipy.linalg import solveh_banded
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    Steps = Sequence[tuple[int, float, float]]
+Steps = Sequence[tuple[int, float, float]]
 
 TILE_PIXELS: Final = 32
 """Minimum side of a tile; large scans have larger ones, ``MOST_TILES`` along the longer side."""

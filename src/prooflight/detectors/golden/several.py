@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.golden.differences import in_contrasts, place_of
-from prooflight.detectors.golden.levels import level_difference
+from prooflight.detectors.golden.differences import in_contrasts, level_difference, place_of
 from prooflight.errors import ScanError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
 
 def mean_and_spread(

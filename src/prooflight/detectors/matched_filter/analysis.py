@@ -1,290 +1,313 @@
 """Analysis of a scan: the variation of a press's good prints is removed, and the residuals are summed up.
 
-``families`` computes statistics from the sums, and ``model`` decides by them.
+Steps over all pixels are those of ``ScanImages``: ``HostImages`` computes them on the processor, ``card.images`` on a
+graphics card. ``families`` computes statistics from the sums, and ``model`` decides by them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.cmyk import INKS
-from prooflight.detectors.matched_filter.fit.beat import RowBeats, beat_contrasts, row_beats
+from prooflight.detectors.matched_filter.design import FRINGE_PARTS, PreparedPage
+from prooflight.detectors.matched_filter.fit.beat import add_beat
 from prooflight.detectors.matched_filter.fit.binning import (
-    binned_geometry,
-    binned_sensor,
+    binned,
+    binned_scan,
     bins_of,
-    thinned,
+    bridged,
+    faulty_columns,
+    lengthened,
 )
-from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_columns
-from prooflight.detectors.matched_filter.fit.hidden import hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
-    QuantisedImages,
-    first_lines,
-    page_features,
+    Modes,
+    PixelMap,
+    moved,
     pixel_map,
-    prepare_modes,
 )
-from prooflight.detectors.matched_filter.fit.moves import corrected
-from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance, page_colours
-from prooflight.detectors.matched_filter.fit.residuals import in_register
-from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
-from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
+from prooflight.detectors.matched_filter.fit.nuisance import (
+    Fit,
+    FitBlocks,
+    NuisanceModel,
+    PlacedScan,
+    ResidualVariance,
+    summed_blocks,
+)
+from prooflight.detectors.matched_filter.fit.residuals import (
+    by_prediction,
+    corrected,
+    in_register,
+    local_moves,
+    residual_images,
+    take_moves,
+)
+from prooflight.detectors.matched_filter.fit.special_places import with_hidden_edges
 from prooflight.detectors.matched_filter.glyphs.scoring import (
     NOTHING,
+    ScoredPage,
     chance_astray,
-    prepare_glyphs,
     score_glyphs,
 )
-from prooflight.detectors.matched_filter.scan_images import DesignImages, HostImages, PlacedPage
-from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, PERIODS_MM, tile_side
-from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
-from prooflight.detectors.print_prior import PrintPrior
-from prooflight.kernels.registration.coarse import SHRINK
-from prooflight.prediction.predict import Prediction, repeats_of
+from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Sums, summed
+from prooflight.detectors.matched_filter.statistics.marks import Marks, measure_marks
+from prooflight.prediction.predict import Prediction, predict, repeats_of
 from prooflight.prediction.printed import PrintedPage
-from prooflight.registration.landmarks import HALFTONE
-from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes, register_far_planes
-from prooflight.registration.register import prepare, register
-from prooflight.scans.placement import IN_PLACE
+from prooflight.registration.register import Registration, register
+from prooflight.scans.placement import IN_PLACE, Placement
+from prooflight.scans.scan import in_groups
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, FitBlocks, PlacedScan
-    from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredPage
-    from prooflight.detectors.matched_filter.scan_images import Engine, ScanImages
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
-    from prooflight.detectors.matched_filter.statistics.marks import Marks
-    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
-    from prooflight.pages.screen import Screen
-    from prooflight.pages.zones.zone import PageZones
-    from prooflight.prediction.tables import SensorModel
-    from prooflight.registration.overlaps import Overlaps
-    from prooflight.registration.register import Landmarks, Registration
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight.scans.placement import Placement
+
+UNRESOLVED: Final = 0.25
+"""Share of a moved pixel that was unresolved from which all of it is. [-]"""
+ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacedPage:
+    """A page where its scan shows it."""
+
+    design: PreparedPage
+    scan: NDArray[np.uint16]
+    """(sensors, lines, pixels) raw digital numbers. [DN]"""
+    where: PixelMap
+    """Its binned pixels; ignored areas are not inside."""
+    printed: Page | PrintedPage
+    """The design with its planes displaced."""
+    repeats: NDArray[np.bool_]
+    """See ``predict``: of the raster of ``printed``, whose rows are others where planes lie off by parts of a pixel."""
+    placement: Placement
+    lost: NDArray[np.bool_] | None
+    """(sensors, lines) lines of the scan that are unknown; None: none are."""
+    residual_variance: ResidualVariance
+    threads: int
+
+    def predict(self, placement: Placement) -> Prediction:
+        """Predict binned pixels.
+
+        A prediction in binned pixels takes half the time. At edges, where a column's own gain is applied to its
+        neighbours' light as well, it is within a third of the noise of the binned prediction in camera pixels.
+        That is more than prints scatter by only if good prints are exact.
+        """
+        design, threads = self.design, self.threads
+        if not self.residual_variance.exact:
+            return predict(
+                self.printed,
+                sensors=design.binned_sensors,
+                geometry=design.binned_geometry,
+                placement=placement,
+                repeats=self.repeats,
+                threads=threads,
+            )
+        sensors, geometry = design.landmarks.sensors, design.landmarks.geometry
+        bins = bins_of(geometry)
+        fine = predict(self.printed, sensors=sensors, geometry=geometry, placement=placement, threads=threads)
+        return Prediction(
+            expected_dn=binned(fine.expected_dn, bins),
+            variance_dn2=binned(fine.variance_dn2, bins) / np.float32(bins**2),
+        )
+
+    def binned_lost(self) -> NDArray[np.bool_] | None:
+        """Return ``lost`` in binned lines."""
+        if self.lost is None:
+            return None
+        return in_groups(self.lost, bins_of(self.design.landmarks.geometry), self.where.inside.shape[0])
+
+
+class ScanImages(Protocol):
+    """Images of a scan; methods are called in the order in which they stand here."""
+
+    hidden: NDArray[np.float32] | None
+    """``PreparedPage.hidden`` at the page's placement."""
+    unresolved: NDArray[np.bool_] | None
+    """(lines, pixels) which pixels see a design finer than they resolve; None: none do."""
+
+    def fitted(self, planes: NDArray[np.float64]) -> Fit:
+        """Estimate every nuisance parameter; planes (4, 2): where their estimation starts [pixels]."""
+
+    def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
+        """Return the blocks of the fit, and their sums on the processor (``summed_blocks``)."""
+
+    def take_fit(self, fit: Fit) -> NDArray[np.float64]:
+        """Make residuals and their inverse variance after a fit; return each sensor's noise factor."""
+
+    def leave_out(self, faulty: NDArray[np.bool_]) -> None:
+        """Clear residuals and weight of columns (sensors, pixels)."""
+
+    def local_moves(self) -> NDArray[np.float32]:
+        """See ``moves.local_moves``."""
+
+    def predict_again(self, placement: Placement) -> None:
+        """Change residuals to a prediction at another placement; fitted amounts stay."""
+
+    def take_moves(self, moves: NDArray[np.float32]) -> None:
+        """Remove displacements from the residuals to first order."""
+
+    def residuals(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Return expected light, residuals and inverse variance, (sensors, lines, pixels) each."""
+
+    def summed(self, modes: tuple[str, ...]) -> Sums:
+        """Return the sums of modes of ``MODES``, light the first; may be called again, from any thread."""
+
+    def placed(self) -> PlacedScan:
+        """Return the scan and its modes at the page's placement, on the processor."""
+
+
+Engine = Callable[[PlacedPage], ScanImages]
+"""What makes the images of a scan."""
+
+
+class HostImages:
+    """Images of a scan on the processor."""
+
+    def __init__(self, page: PlacedPage) -> None:
+        design, where, threads = page.design, page.where, page.threads
+        self._page, self._placement = page, page.placement
+        seen = page.predict(page.placement)
+        modes = Modes(images=moved(design.images, where, threads=threads), sensors=len(seen.expected_dn))
+        self.hidden = None
+        if design.hidden is not None:
+            self.hidden = moved(design.hidden, where, threads=threads)
+            modes.texture[...] = with_hidden_edges(modes.texture, self.hidden, page.residual_variance)
+        if design.beat is not None and not page.residual_variance.exact:
+            add_beat(modes, design.beat, page.residual_variance)
+        bins = bins_of(design.landmarks.geometry)
+        self._placed = PlacedScan(
+            measured_dn=lengthened(binned_scan(page.scan, bins), where.inside.shape[0]),
+            seen=seen,
+            modes=modes,
+            where=where,
+            sensors=design.binned_sensors,
+            colours=design.colours,
+            lost=page.binned_lost(),
+        )
+        self.unresolved = None
+        if design.unresolved is not None:
+            self.unresolved = moved(design.unresolved[None], where, threads=threads)[0] > UNRESOLVED
+        self._before = seen.expected_dn
+        self._light = self._placed.light()
+
+    def fitted(self, planes: NDArray[np.float64]) -> Fit:
+        """See ``ScanImages``."""
+        design, blocks = self._page.design, FitBlocks.of(self._placed.seen_by_all())
+        self._block_sums = blocks, summed_blocks(self._placed, blocks, self._page.threads)
+        model = NuisanceModel.of(
+            *self._block_sums,
+            sensors=design.binned_sensors,
+            colours=design.colours,
+            planes=planes,
+            pixel_mm=design.binned_geometry.pixel_pitch_mm,
+            prior=design.prior,
+            residual_variance=self._page.residual_variance,
+        )
+        return model.fit()
+
+    def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
+        """See ``ScanImages``; those of ``fitted``, since the placed scan stays."""
+        return self._block_sums
+
+    def take_fit(self, fit: Fit) -> NDArray[np.float64]:
+        """See ``ScanImages``."""
+        self._left, self._weight, self._of_edges, noise = residual_images(
+            self._placed,
+            fit,
+            self._light,
+            residual_variance=self._page.residual_variance,
+            threads=self._page.threads,
+        )
+        return noise
+
+    def leave_out(self, faulty: NDArray[np.bool_]) -> None:
+        """See ``ScanImages``."""
+        for index in np.flatnonzero(faulty.any(axis=1)):
+            self._left[index][:, faulty[index]] = self._weight[index][:, faulty[index]] = 0.0
+
+    def local_moves(self) -> NDArray[np.float32]:
+        """See ``ScanImages``."""
+        return local_moves(self._left, self._weight, self._light, threads=self._page.threads)
+
+    def predict_again(self, placement: Placement) -> None:
+        """See ``ScanImages``."""
+        after = self._page.predict(placement).expected_dn
+        by_prediction(self._left, self._weight, self._before, after, threads=self._page.threads)
+        self._before = after
+
+    def take_moves(self, moves: NDArray[np.float32]) -> None:
+        """See ``ScanImages``."""
+        take_moves(self._left, self._weight, self._light, moves, threads=self._page.threads)
+
+    def residuals(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """See ``ScanImages``."""
+        return self._light, self._left, self._weight
+
+    def placed(self) -> PlacedScan:
+        """See ``ScanImages``."""
+        return self._placed
+
+    def summed(self, modes: tuple[str, ...]) -> Sums:
+        """See ``ScanImages``."""
+        return sums_of(
+            self._page,
+            self._placed,
+            self._light,
+            self._left,
+            self._weight,
+            self._of_edges,
+            self.unresolved,
+            modes,
+        )
+
+
+def sums_of(
+    page: PlacedPage,
+    placed: PlacedScan,
+    light: NDArray[np.float32],
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    of_edges: NDArray[np.float32],
+    unresolved: NDArray[np.bool_] | None,
+    modes: tuple[str, ...],
+) -> Sums:
+    """Return the sums of modes of ``MODES`` on the processor; unresolved pixels have no weight in them."""
+    design, threads = page.design, page.threads
+    return summed(
+        with_added(placed, design.added, threads=threads) if ADDED.intersection(modes) else placed,
+        light,
+        left,
+        weight if unresolved is None else np.where(unresolved, np.float32(0), weight),
+        of_edges,
+        geometry=design.binned_geometry,
+        page_width_mm=design.page.width_mm,
+        prior=design.prior,
+        analysed_modes=modes,
+        row_beats=None if page.residual_variance.exact else design.row_beats,
+        threads=threads,
+    )
+
+
+def with_added(placed: PlacedScan, added: AddedInks, *, threads: int = 1) -> PlacedScan:
+    """Return the scan with the images of inks printed where they are not, moved to the page's placement."""
+    images = moved(added.images, placed.where, threads=threads)
+    shape = (placed.modes.sensors, -1, *images.shape[1:])
+    return replace(placed, modes=replace(placed.modes, add=images.reshape(shape)))
 
 
 MAX_REPREDICTIONS: Final = 2
 """Maximum number of times that a page is predicted again at the position that its residuals indicate."""
 FAR_PIXELS: Final = 0.1
 """Minimum displacement of some part of a page that requires another prediction."""
-FRINGE_PARTS: Final = 2
-"""Number of steps over a raster pixel by which planes of a press that rips pages itself are sought by their fringes."""
 REMAINING_SHARE: Final = 0.75
 """Share of the previous displacement from which no other prediction is made: displacements caused by a page's
 edge and by uneven light do not decrease."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PreparedPage:
-    """A design prepared for its scans."""
-
-    page: Page
-    repeats: NDArray[np.bool_]
-    """See ``predict``."""
-    landmarks: Landmarks
-    overlaps: Overlaps | None = None
-    """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
-    alone."""
-    images: QuantisedImages
-    """``Modes.images`` of the page in its nominal place, in binned pixels."""
-    colours: Colours
-    page_features: NDArray[np.float64]
-    prior: PrintPrior
-    """Prior of good prints."""
-    zones: ZoneImages | None
-    """Ignored areas, and areas that are also judged separately; None: there are none."""
-    binned_geometry: ScanGeometry
-    binned_sensors: tuple[SensorModel, ...]
-    unresolved: NDArray[np.float32] | None = None
-    """See ``unresolved_places``."""
-    hidden: NDArray[np.float32] | None = None
-    """See ``hidden_edges``."""
-    specks: NDArray[np.float32]
-    """See ``speck_shares``."""
-    glyphs: PageGlyphs | None = None
-    """None: glyphs are not tested."""
-    beat: NDArray[np.float64] | None = None
-    """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
-    row_beats: RowBeats | None = None
-    """See ``row_beats``."""
-    own_light: InkLight | None = None
-    """See ``prepare_page``."""
-
-    @property
-    def added(self) -> AddedInks:
-        """``Modes.add`` of the page, likewise, computed when it is first needed."""
-        bins = bins_of(self.landmarks.geometry)
-        return AddedInks(self.page, sensors=self.binned_sensors, geometry=self.binned_geometry, bins=bins)
-
-    @property
-    def design_images(self) -> DesignImages:
-        """Its images, and how it is seen."""
-        return DesignImages(
-            page=self.page,
-            images=self.images,
-            hidden=self.hidden,
-            beat=self.beat,
-            row_beats=self.row_beats,
-            unresolved=self.unresolved,
-            added=self.added,
-            colours=self.colours,
-            prior=self.prior,
-            sensors=self.binned_sensors,
-            geometry=self.binned_geometry,
-            camera_sensors=self.landmarks.sensors,
-            camera_geometry=self.landmarks.geometry,
-        )
-
-    def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
-        """Return the page for sensors of which only the columns' gains differ.
-
-        Modes are of bare columns, and stay.
-
-        Landmarks stay as well: other gains would hardly change their choice.
-        """
-        landmarks = replace(self.landmarks, sensors=tuple(sensors))
-        return replace(self, landmarks=landmarks, binned_sensors=mode_sensors(sensors, landmarks.geometry))
-
-
-def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tuple[SensorModel, ...]:
-    """Return the sensors in pixels binned by ``bins_of``."""
-    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
-    return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
-
-
-def without_arrays(design: PreparedPage) -> tuple[PreparedPage, dict[str, NDArray[Any]]]:
-    """Return a design without its large arrays, and those, except the raster, by name."""
-    large: dict[str, NDArray[Any] | None] = {
-        "levels": design.images.levels,
-        "windows": design.landmarks.windows,
-        "hidden": design.hidden,
-        "unresolved": design.unresolved,
-    }
-    bare = replace(
-        design,
-        page=replace(design.page, cmyk=np.zeros((1, 1, INKS), np.uint8)),
-        images=replace(design.images, levels=np.zeros((0, 0, 0), np.uint16)),
-        landmarks=replace(design.landmarks, windows=np.zeros(0, np.float32)),
-        hidden=None,
-        unresolved=None,
-    )
-    return bare, {name: array for name, array in large.items() if array is not None}
-
-
-def with_arrays(bare: PreparedPage, page: Page, arrays: Mapping[str, NDArray[Any]]) -> PreparedPage:
-    """Return the design of ``page`` of which ``without_arrays`` returned these."""
-    return replace(
-        bare,
-        page=page,
-        images=replace(bare.images, levels=arrays["levels"]),
-        landmarks=replace(bare.landmarks, windows=arrays["windows"]),
-        hidden=arrays.get("hidden"),
-        unresolved=arrays.get("unresolved"),
-    )
-
-
-def prepare_page(
-    page: Page,
-    expected: Prediction,
-    *,
-    sensors: Sequence[SensorModel],
-    geometry: ScanGeometry,
-    fringes: bool = False,
-    prior: PrintPrior | None = None,
-    zones: PageZones | None = None,
-    glyphs: bool = False,
-    screen: tuple[Screen, InkLight] | None = None,
-    own_light: InkLight | None = None,
-) -> PreparedPage:
-    """Prepare a design for its scans.
-
-    Parameters
-    ----------
-    page : the design.
-    expected : its prediction in its nominal place.
-    sensors, geometry : of the camera's own pixels.
-    fringes : whether prediction follows the fringes of planes that share edges (``register_by_fringes``).
-    prior : of good prints; None: the press world's.
-    zones : of the page; None: there are none.
-    glyphs : whether its glyphs are tested.
-    screen : of the press, and the light that its tints take; None: not stated.
-    own_light : light that the inks of a press take that rips pages itself, whose planes lie between the raster's
-        pixels; None: planes are displaced by whole pixels.
-    """
-    bins, prior = bins_of(geometry), prior or PrintPrior()
-    at = binned_geometry(geometry, bins)
-    taken_as = mode_sensors(sensors, geometry)
-    thin = thinned(page, bins)
-    modes = prepare_modes(thin, sensors=taken_as, geometry=at)
-    inside = pixel_map(page, at, IN_PLACE).inside
-    modes = replace(modes, images=first_lines(modes.images, len(inside)))
-    images, ignored = None, None
-    if zones is not None:
-        images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
-        inside = inside & (images.images[0] < 0.5)
-    halftone, beat, along = HALFTONE, None, None
-    if screen is not None:
-        single = _beat(screen, sensors, geometry, correlated=False)
-        halftone = max(HALFTONE, float(np.sqrt(single.max())))
-        beat = _beat(screen, sensors, geometry, bins=bins)
-        line_mm, tile_lines = at.line_pitch_mm, tile_side(at)
-        along = row_beats(
-            modes.cover, *screen, taken_as, line_mm=line_mm, tile_lines=tile_lines, periods_mm=PERIODS_MM
-        )
-    landmarks = prepare(
-        page,
-        expected,
-        sensors=sensors,
-        geometry=geometry,
-        prior=prior.of_place,
-        halftone=halftone,
-        ignored=ignored,
-    )
-    overlaps = None
-    if fringes:
-        finer = 1 if own_light is None else FRINGE_PARTS
-        overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm, finer=finer)
-    return PreparedPage(
-        page=page,
-        repeats=repeats_of(page),
-        landmarks=landmarks,
-        overlaps=overlaps,
-        images=QuantisedImages.of(modes.images),
-        colours=page_colours(modes.cover),
-        page_features=page_features(modes, inside),
-        prior=prior,
-        zones=images,
-        binned_geometry=at,
-        binned_sensors=taken_as,
-        unresolved=unresolved_places(page, thin, at),
-        hidden=hidden_edges(modes, taken_as),
-        specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
-        glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
-        beat=beat,
-        row_beats=along,
-        own_light=own_light,
-    )
-
-
-def _beat(
-    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry, **how: Any
-) -> NDArray[np.float64]:
-    """Return ``beat_contrasts``, called with ``how``, of the sensor that sees most of the beat."""
-    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
-    return np.asarray(
-        np.max([beat_contrasts(*screen, sensor.footprint, pitch_mm, **how) for sensor in sensors], axis=0)
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -460,7 +483,7 @@ def _placed(
     if not isinstance(printed, PrintedPage) and printed is not page:
         repeats = repeats_of(printed)
     placed = PlacedPage(
-        design=prepared.design_images,
+        design=prepared,
         scan=scan,
         where=where,
         printed=printed,

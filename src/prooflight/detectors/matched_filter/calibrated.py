@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from prooflight.detectors.cost import FLOOR_AREA_MM2
@@ -20,8 +22,14 @@ from prooflight.detectors.false_alarm_rate import (
     posterior_bound,
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE, GlyphThreshold, combined_score
-from prooflight.detectors.matched_filter.glyphs.scoring import NONE
+from prooflight.detectors.matched_filter.glyphs.scoring import (
+    GLYPH_SHARE,
+    NONE,
+    GlyphThreshold,
+    ScoredGlyph,
+    ScoredPage,
+    combined_score,
+)
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.variation import AMOUNTS
@@ -41,12 +49,7 @@ from prooflight.files.schema import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import StoredArrays
-    from prooflight.detectors.matched_filter.glyphs.scoring import ScoredGlyph, ScoredPage
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.print_prior import PrintPrior
 
@@ -224,7 +227,7 @@ class CalibratedDetector:
         """Test of glyphs; None: this press was trained before glyphs were tested."""
         if not self.pages.glyphs.size:
             return None
-        return GlyphThreshold(own=self.pages.glyphs, rate=SHARE * self.trained_rate)
+        return GlyphThreshold(own=self.pages.glyphs, rate=GLYPH_SHARE * self.trained_rate)
 
     def score_again(self, stored: StoredArrays) -> float:
         """Return a page's score as a whole from its evidence; RequestError: it is not of this detector."""
@@ -287,7 +290,7 @@ class CalibratedDetector:
             return decision
         p_value, score = decision.p_value / _of_ranking(self.pages), decision.score
         if self.glyphs is not None:
-            p_value = min(p_value, self.glyphs.p_value(glyphs) / SHARE)
+            p_value = min(p_value, self.glyphs.p_value(glyphs) / GLYPH_SHARE)
             score = combined_score(score, decision.threshold, glyphs, self.glyphs.threshold)
         return self.decision(score, decision.threshold, min(p_value, 1.0))
 
@@ -401,7 +404,7 @@ def _scores(references: ReferenceScores, own: GoodScores, *, real: int, counted:
 
 def _of_ranking(pages: GoodPages) -> float:
     """Return the share of the guaranteed rate that the ranking has, next to floor and glyphs."""
-    return 1 - FLOOR_SHARE_OF_RATE - (SHARE if pages.glyphs.size else 0)
+    return 1 - FLOOR_SHARE_OF_RATE - (GLYPH_SHARE if pages.glyphs.size else 0)
 
 
 class CalibratedFacts(Block):

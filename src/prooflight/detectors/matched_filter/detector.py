@@ -6,33 +6,42 @@ It also explains its decisions.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
-from prooflight.detectors.devices import refuse_without_card
-from prooflight.detectors.matched_filter.analysis import (
-    analyse,
-    mode_sensors,
-    prepare_page,
-    with_arrays,
-    without_arrays,
+from prooflight.detectors.base import (
+    BLOCK_PIXELS,
+    Area,
+    ContextDetector,
+    Device,
+    Inspection,
+    PlannedPage,
+    PreparedPage,
+    PressContext,
+    StoredArrays,
+    refuse_without_card,
 )
-from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
+from prooflight.detectors.matched_filter.amounts import FarAmounts
+from prooflight.detectors.matched_filter.analysis import Engine, HostImages, ScanAnalysis, analyse
+from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, score_of, statistics_vector
+from prooflight.detectors.matched_filter.design import PreparedPage as PreparedDesign
+from prooflight.detectors.matched_filter.design import mode_sensors, prepare_page, with_arrays, without_arrays
 from prooflight.detectors.matched_filter.exchangeability import PressRunTest, of_every_page, summaries
-from prooflight.detectors.matched_filter.explainer import Evidence, Explainer, Judged
 from prooflight.detectors.matched_filter.explaining import (
+    Evidence,
+    Explainer,
+    Judged,
     measured_inks,
 )
-from prooflight.detectors.matched_filter.far_amounts import FarAmounts
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
-from prooflight.detectors.matched_filter.scan_images import HostImages
 from prooflight.detectors.matched_filter.statistics.families import (
     all_statistics,
     remaining_statistics,
@@ -40,32 +49,21 @@ from prooflight.detectors.matched_filter.statistics.families import (
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
 from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
-from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
+from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, Observed, values_of
 from prooflight.detectors.matched_filter.variation import page_variation, print_state
 from prooflight.detectors.matched_filter.visibility import on_tint, visible_marks
 from prooflight.detectors.matched_filter.zones import MatchedFilterPricing, ZonedJudge, careful_statistics
 from prooflight.detectors.placing import inside, shift_of, shows_another, unplaced_reason
-from prooflight.detectors.verdict import Verdict
+from prooflight.detectors.verdict import Decision, Verdict
 from prooflight.pages.zones.zone import KINDS as ZONE_KINDS
+from prooflight.pages.zones.zone import Kind, PageZones
 from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import Area, Device, PlannedPage, PreparedPage, PressContext
-    from prooflight.detectors.matched_filter.analysis import PreparedPage as PreparedDesign
-    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
-    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
-    from prooflight.detectors.matched_filter.scan_images import Engine
-    from prooflight.detectors.matched_filter.statistics.statistic import Observed
-    from prooflight.detectors.verdict import Decision
     from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.pages.raster import Page
-    from prooflight.pages.zones.zone import Kind, PageZones
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, cast
 
-from prooflight.detectors.entry import Entry
+from prooflight.detectors.entry import DetectorPress, Entry
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.detectors.matched_filter.naming import family_text
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.errors import RequestError
-
-if TYPE_CHECKING:
-    from prooflight.detectors.entry import DetectorPress
 
 NAME: Final = "matched_filter"
 

@@ -31,13 +31,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.naming import family_text
 from prooflight.rng import stream
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.weighted_conformal import LabelledPages

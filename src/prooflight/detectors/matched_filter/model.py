@@ -7,10 +7,12 @@ score is how far the strongest families deviate.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
@@ -31,7 +33,7 @@ from prooflight.detectors.matched_filter.ranking import (
 )
 from prooflight.detectors.matched_filter.ranking import check as check_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
-from prooflight.detectors.matched_filter.statistics.statistic import Statistic, values_of
+from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic, values_of
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.files.schema import (
     ArraySpec,
@@ -47,13 +49,6 @@ from prooflight.files.schema import (
     part_of,
     rising,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
 MOST: Final = 8
 """Number of the strongest families that make up the score without training on misprints; the k-th counts 1 /

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
     from prooflight.registration.register import Registration
 

@@ -7,21 +7,16 @@ explain what is wrong with a page that is called a misprint; good pages do not n
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.statistics.statistic import in_screen
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic, in_screen
 from prooflight.files.schema import ArraySpec, Misfit, check_arrays
 from prooflight.kernels.statistics.forest import shares_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 LEAST_CHANCE: Final = 0.01
 MARK: Final = "mark/"

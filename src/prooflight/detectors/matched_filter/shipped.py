@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors.numpy import save
 
 from prooflight.artefact import Tensors
@@ -21,9 +22,6 @@ from prooflight.detectors.false_alarm_rate import ReferenceScores
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.files.atomic import whole_file
 from prooflight.files.schema import part_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 FILE: Final = "ranking.safetensors"
 KIND: Final = "prooflight ranking"

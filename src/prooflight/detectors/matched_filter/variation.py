@@ -9,26 +9,22 @@ covariance is free of it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.base import PrintState
-from prooflight.detectors.matched_filter.fit.layout import FitLayout
-from prooflight.detectors.matched_filter.fit.nuisance import COLOUR_LENGTH
+from prooflight.detectors.matched_filter.fit.nuisance import COLOUR_LENGTH, Fit, FitLayout, FitParts
 from prooflight.detectors.matched_filter.statistics.local_evidence import COLUMN_MM, FLAT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
-    from prooflight.detectors.matched_filter.fit.layout import FitParts
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.prediction.tables import SensorModel
 
 AMOUNTS: Final[tuple[tuple[str, ...], ...]] = (

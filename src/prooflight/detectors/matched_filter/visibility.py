@@ -13,22 +13,25 @@ to scatter as it is predicted to. A page that is badly placed widens its limits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.fit.binning import binned_geometry, binned_sensor, bins_of
-from prooflight.detectors.matched_filter.fit.hidden import with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import Modes, pixel_map, prepare_modes
+from prooflight.detectors.matched_filter.fit.special_places import with_hidden_edges
 from prooflight.detectors.matched_filter.ranking import alarming_evidence, deviation_at, marks_of
 from prooflight.detectors.matched_filter.statistics.marks import (
     FLOOR_SIGMAS,
     NAMES,
     PLACE_CLASSES,
     REFERENCE_T,
+    Places,
     classify,
     least_pixels,
     speck_shares,
@@ -39,21 +42,15 @@ from prooflight.kernels.residuals.residuals import VarianceShares, variances
 from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, NOT_INSPECTED, SIZES, WINDOWS
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.prediction.predict import predict
-from prooflight.prediction.tables import node_fractions
+from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import PressContext
-    from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
     from prooflight.detectors.matched_filter.model import DetectorModel
-    from prooflight.detectors.matched_filter.statistics.marks import Places
-    from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
 
 SPOT_BLACK: Final = 0.9

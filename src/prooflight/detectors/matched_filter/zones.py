@@ -24,20 +24,24 @@ the page or of its careful areas over theirs. So labels of pages with zones cali
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
-from prooflight.detectors.base import StoredArrays
+from prooflight.detectors.base import Inspection, StoredArrays
 from prooflight.detectors.false_alarm_rate import FURTHEST, GoodScores, PressScores
-from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
+from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, CalibratedDetector
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     BASELINE_MM,
     WIDTHS,
+    Scatter,
+    Sums,
     t_statistic,
     without_common,
 )
@@ -50,19 +54,11 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     values_of,
 )
 from prooflight.errors import RequestError
-from prooflight.pages.zones.zone import Calibration
+from prooflight.pages.zones.zone import Calibration, PageZones
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import Inspection
-    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
     from prooflight.detectors.optional import GoodPrint
     from prooflight.detectors.verdict import Decision
-    from prooflight.pages.zones.zone import PageZones
 
 STREAK_TILES: Final = (1, 2, 4)
 """Widths of the streaks that are computed for careful areas, 0.5 to 2 mm. [tiles]"""

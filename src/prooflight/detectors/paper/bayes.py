@@ -7,25 +7,22 @@ Laplace's smoothing.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from scipy import special
 
-from prooflight.detectors.paper.evidence import only
+from prooflight.detectors.paper.evidence import Evidence, only
 from prooflight.detectors.verdict import Decision
 from prooflight.files.schema import ArraySpec, Block, Chance, Misfit, Name, check_arrays, checked, rising
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.paper.evidence import Evidence
 
 Binning = Literal["quantile", "equal-width"]
 Reading = Literal["signed", "absolute"]

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from prooflight.detectors.false_alarm_rate import posterior_bound
-from prooflight.detectors.paper.evidence import interval_shares, only
+from prooflight.detectors.paper.evidence import Evidence, interval_shares, only
 from prooflight.detectors.verdict import Decision
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import StoredArrays
-    from prooflight.detectors.paper.evidence import Evidence
 
 MOST_COUNT: Final = 2**40
 """Limit of the pixel count of one interval and tile, far beyond any."""

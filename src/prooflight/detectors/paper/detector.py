@@ -4,30 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
-from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PlannedPage
+from prooflight.detectors.base import (
+    BLOCK_PIXELS,
+    LAMP_WAVES,
+    ContextDetector,
+    Inspection,
+    PlannedPage,
+    PressContext,
+    PrintState,
+    StoredArrays,
+)
 from prooflight.detectors.paper.chi_square import tile_statistics
-from prooflight.detectors.paper.evidence import TILE_PIXELS, gather
-from prooflight.detectors.paper.finding import BlockGrid, Findings, SoughtPage, find, findings
-from prooflight.detectors.paper.print_state import print_state
+from prooflight.detectors.paper.evidence import TILE_PIXELS, Evidence, EvidenceDetector, gather
+from prooflight.detectors.paper.finding import BlockGrid, Findings, PlacedPage, SoughtPage, find, findings
 from prooflight.detectors.placing import WRONG_PAGE_KIND
-from prooflight.detectors.verdict import Verdict
-from prooflight.kernels.comparison.page_sums import block_inks
-from prooflight.prediction.predict import cut
+from prooflight.detectors.verdict import Decision, Verdict
+from prooflight.kernels.comparison.page_sums import block_inks, column_sums
+from prooflight.pages.parallel import shared_out
+from prooflight.prediction.predict import Prediction, cut
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import PressContext, StoredArrays
-    from prooflight.detectors.paper.evidence import Evidence, EvidenceDetector
-    from prooflight.detectors.paper.finding import PlacedPage
-    from prooflight.detectors.verdict import Decision
     from prooflight.pages.raster import Page
-    from prooflight.prediction.predict import Prediction
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.scan import Scan
 
@@ -168,3 +172,69 @@ def _ink(page: Page, rows: int, across: int) -> NDArray[np.float32]:
     ink = np.zeros((rows, across, INKS), np.float32)
     block_inks(packed, lines.reshape(rows, -1), columns.reshape(across, -1), ink)
     return ink
+
+
+PARTS: Final = 8
+"""Number of parts of a page's height: a column's value is their median, so that no local misprint makes a
+streak."""
+
+
+def print_state(
+    measured_dn: NDArray[np.uint16],
+    expected_dn: NDArray[np.float32],
+    part: slice,
+    press_context: PressContext,
+) -> PrintState:
+    """Return the state of measured and expected lines (sensors, lines, columns) [DN].
+
+    part: their columns in the field.
+    """
+    of_sensors = light_sums(measured_dn, expected_dn, part, press_context)
+    pixels = press_context.geometry.pixels
+    amounts = lamp_waves(of_sensors.sum(axis=0), part, pixels)
+    for sensor, (over, whole) in zip(press_context.sensors, of_sensors, strict=True):
+        amounts[f"light-{sensor.name}"] = float(np.median(over.sum(axis=0) / whole.sum(axis=0)))
+    excess, light = (np.zeros((PARTS, pixels)) for _ in "el")
+    excess[:, part], light[:, part] = of_sensors.sum(axis=0)
+    return PrintState(
+        amounts=amounts, excess=excess, light=light, pitch_mm=press_context.geometry.pixel_pitch_mm
+    )
+
+
+def light_sums(
+    measured: NDArray[np.uint16], expected: NDArray[np.float32], part: slice, press_context: PressContext
+) -> NDArray[np.float64]:
+    """Return light minus expected light, and expected light, summed down the columns of an area.
+
+    (sensors, 2, PARTS, columns of the area) [DN]
+    """
+    bounds = np.arange(PARTS + 1) * measured.shape[1] // PARTS
+    sums = np.empty((len(press_context.sensors), 2, PARTS, measured.shape[2]))
+
+    def add(index: int, share: int, first: int, last: int) -> None:
+        offset = press_context.sensors[index].column_offset_dn[part]
+        seen, due = np.zeros(offset.size, np.uint32), np.zeros(offset.size)
+        column_sums(measured[index], expected[index], first, last, seen, due)
+        sums[index, 0, share] = seen - due
+        sums[index, 1, share] = due - (last - first) * offset
+
+    tasks = [
+        partial(add, index, share, first, last)
+        for index in range(len(press_context.sensors))
+        for share, (first, last) in enumerate(pairwise(bounds))
+    ]
+    shared_out(tasks, threads=press_context.threads or 1)
+    return sums
+
+
+def lamp_waves(sums: NDArray[np.float64], part: slice, pixels: int) -> dict[str, float]:
+    """Return amplitudes of the lamp's waves cos(k pi x / W) over the field.
+
+    sums: (2, parts, columns of ``part``).
+    """
+    ratio = sums[0].sum(axis=0) / sums[1].sum(axis=0)
+    x = (np.arange(pixels)[part] + 0.5) / pixels
+    waves = np.cos(np.pi * np.multiply.outer(x, np.arange(LAMP_WAVES + 1)))
+    # Normal equations: a BLAS least-squares fit takes longer, in threads that compete with the inspection's.
+    amplitudes = np.linalg.solve(waves.T @ waves, waves.T @ ratio)
+    return {f"lamp-{k}": float(amplitudes[k]) for k in range(1, LAMP_WAVES + 1)}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, cast
 
-from prooflight.detectors.entry import Entry
+from prooflight.detectors.entry import DetectorPress, Entry
 from prooflight.detectors.paper.bayes import BayesDetector
 from prooflight.detectors.paper.chi_square import ChiSquare
 from prooflight.detectors.paper.detector import PaperDetector
 
 if TYPE_CHECKING:
     from prooflight.detectors.base import Detector
-    from prooflight.detectors.entry import DetectorPress
 
 
 def _chi_square(press: DetectorPress) -> Detector:

@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
-from prooflight.detectors.base import BLOCK_PIXELS
-from prooflight.kernels.comparison.dither import CODE_STEPS, ROUNDING_VARIANCE_DN2, TILE
-from prooflight.kernels.comparison.one_pass import LINES, Z_STEPS, compare_lines
+from prooflight.detectors.base import BLOCK_PIXELS, StoredArrays
+from prooflight.kernels.comparison.one_pass import (
+    CODE_STEPS,
+    LINES,
+    ROUNDING_VARIANCE_DN2,
+    TILE,
+    Z_STEPS,
+    compare_lines,
+)
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.compact import Lines, Scale, compact
 from prooflight.rng import stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.verdict import Decision
 
 INTERVALS = 16

@@ -6,29 +6,24 @@ Place and kind of a misprint follow from the map of block means.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.placing import inside, place_reason, shift_of, shows_another, unplaced_reason
 from prooflight.detectors.verdict import Region
-from prooflight.prediction.predict import relit
-from prooflight.registration.register import prepare, register
-from prooflight.scans.placement import IN_PLACE
+from prooflight.prediction.predict import Prediction, relit
+from prooflight.registration.register import Landmarks, Registration, prepare, register
+from prooflight.scans.placement import IN_PLACE, Placement
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import Area, PlannedPage, PressContext
     from prooflight.pages.raster import Page
-    from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
-    from prooflight.registration.register import Landmarks, Registration
-    from prooflight.scans.placement import Placement
 
 MOVED_SIGMAS: Final = 4.0
 """Minimum displacement that is followed, in its standard deviations: following noise would blur every edge by

@@ -7,16 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.inspection.codes.profiles import grey, paper_light, profiles
-from prooflight.inspection.codes.symbols import symbols, tried
+from prooflight.inspection.codes.symbols import Profile, Symbol, grey, paper_light, profiles, symbols, tried
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.inspection.codes.profiles import Profile
-    from prooflight.inspection.codes.symbols import Symbol
     from prooflight.pages.job import Job
     from prooflight.pages.zones.zones_file import ZoneEntry
     from prooflight.prediction.tables import SensorModel

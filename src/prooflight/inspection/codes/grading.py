@@ -7,21 +7,24 @@ widths: a lens that blurs all codes alike costs no grade but contrast and modula
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.inspection.codes.profiles import SAMPLES_A_PIXEL, cut_elements, sampled, scan_lines
+from prooflight.inspection.codes.symbols import (
+    SAMPLES_A_PIXEL,
+    Profile,
+    Symbol,
+    cut_elements,
+    sampled,
+    scan_lines,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from prooflight.inspection.codes.finding import PageCode
-    from prooflight.inspection.codes.profiles import Profile
-    from prooflight.inspection.codes.symbols import Symbol
 
 
 CONTRAST: Final = (0.70, 0.55, 0.40, 0.20)

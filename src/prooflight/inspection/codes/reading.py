@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.verdict import Code, Region
+from prooflight.detectors.verdict import Code, Region, Verdict
 from prooflight.inspection.codes.grading import graded
-from prooflight.inspection.codes.profiles import grey, paper_light
-from prooflight.inspection.codes.symbols import Symbol, tried
+from prooflight.inspection.codes.symbols import Symbol, grey, paper_light, tried
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.base import Area, Inspection
-    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.codes.finding import PageCode
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel
@@ -51,7 +47,7 @@ def with_codes(
     inspected or is another one, its codes are not read. A code on which lines were lost is good if it reads,
     and no evidence if not.
     """
-    if not codes or done.verdict.verdict == "not-inspected" or done.verdict.kind == "wrong-page":
+    if done.verdict.verdict == "not-inspected" or done.verdict.kind == "wrong-page":
         return done
     areas = _areas(codes, scan.dn, done.placement, page=page, geometry=geometry)
     cuts, lost = [paper_light(scan.dn[:, *area], sensors, area[1]) for area in areas], scan.lost

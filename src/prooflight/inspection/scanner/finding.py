@@ -6,6 +6,7 @@ than taken for the page whose turn it is.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Self
@@ -19,6 +20,7 @@ from prooflight.inspection.scanner.placing import (
     NOTHING_SHOWN,
     NOWHERE,
     ExpectedPage,
+    Whereabouts,
     agreement_of,
     channels_of,
     drawn_scan,
@@ -26,14 +28,10 @@ from prooflight.inspection.scanner.placing import (
     placed,
     seen_coarsely,
 )
-from prooflight.pages.job import opened
+from prooflight.pages.job import JobSource, opened
 from prooflight.scans.recorded import RecordedScan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from prooflight.inspection.scanner.placing import Whereabouts
-    from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
     from prooflight.scans.scanner.feeder import FeederPrior
     from prooflight.scans.scanner.reading import ScannedPage, ScannerSettings

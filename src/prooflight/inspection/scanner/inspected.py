@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.base import PlannedPage
+from prooflight.detectors.base import Inspection, PlannedPage
 from prooflight.detectors.golden.chain import DrawnDetector, bare_light, light_of, to_numbers
 from prooflight.detectors.golden.differences import place_of
 from prooflight.errors import ScanError
-from prooflight.inspection.job import InspectPage
-from prooflight.inspection.scanner.chain_fit import MOST_SHEETS, chains_of, sheet_edges
+from prooflight.inspection.job import InspectPage, Pair
 from prooflight.inspection.scanner.finding import PlacedScan
+from prooflight.inspection.scanner.fits import MOST_SHEETS, SheetEdges, chains_of, sheet_edges, toned_lines
 from prooflight.inspection.scanner.placing import (
     LEAST_SEEN,
     channels_of,
     drawn_scan,
 )
-from prooflight.inspection.scanner.tone_fit import toned_lines
-from prooflight.pages.job import opened
+from prooflight.pages.job import JobSource, opened
 from prooflight.scans.scan import Scan
 from prooflight.scans.scanner.reading import ScannerSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.base import Inspection
-    from prooflight.inspection.job import Pair
-    from prooflight.inspection.scanner.chain_fit import SheetEdges
-    from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zones_file import JobZones
     from prooflight.press.artefact import Press

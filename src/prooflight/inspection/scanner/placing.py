@@ -8,29 +8,25 @@ prediction moves: a scanner has resampled and rounded its lines itself, so no no
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.registration.coarse import peaks, refined
-from prooflight.registration.landmarks import prepare
+from prooflight.registration.landmarks import Landmarks, prepare
 from prooflight.registration.pose import Pose
 from prooflight.registration.register import Prior, register
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
-    from prooflight.registration.landmarks import Landmarks
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.scanner.feeder import FeederPrior
     from prooflight.scans.scanner.reading import ScannedPicture

@@ -7,21 +7,15 @@ stands for: it is made once and used again by every scan, so that a CUDA graph c
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.kernels.gpu.body import SIMULATED
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable
-
-    from numpy.typing import NDArray
-
-    from prooflight.kernels.gpu.body import Body
+from prooflight.kernels.gpu.body import SIMULATED, Body
 
 Shape = tuple[int, ...]
 MOST_GRAPHS = 1000

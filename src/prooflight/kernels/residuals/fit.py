@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 SHAPES = 16
 """Greatest number of features of colour; those that a page does not have are 0."""

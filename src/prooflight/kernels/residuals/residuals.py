@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _SAME = np.float32(0.004)
 """Difference of ink areas below which recipes count as one."""

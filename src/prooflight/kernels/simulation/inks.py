@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel
 from prooflight.kernels.planes import compose_row
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 TRUE_NODES = NODES + 4
 """Number of nodes of the true tables, which reach to 113 % of a full solid, as ink gain may exceed it."""

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.aiming import place_row, weights_at_phases
 from prooflight.kernels.simulation.inks import NOISE_STEPS, lookup_pair
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 PHASES = 1024
 """Phases of a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel

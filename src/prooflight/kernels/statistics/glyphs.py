@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.moving import STRETCH
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 NUISANCES = 6
 """Number of nuisances of one glyph: its ink as a whole, its place across and along, the level around it, the

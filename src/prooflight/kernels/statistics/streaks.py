@@ -1,4 +1,7 @@
-"""Compiled loops for columns without the light around them, and for sums of adjacent columns."""
+"""Compiled loops for streaks: columns without the light around them, and lines at every slope.
+
+Sums along lines are by the fast discrete Radon transform.
+"""
 
 from __future__ import annotations
 
@@ -79,3 +82,133 @@ def widened(maps, count, out):  # type: ignore[no-untyped-def]
     for n in range(maps.shape[0]):
         running(maps[n], count // 2, count - count // 2 - 1, False, prefix, sums)
         out[n] = sums
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def doubled(sums, out):  # type: ignore[no-untyped-def]
+    """Combine sums along lines of height h, (strips, h, w), to those of twice the height, out (strips // 2, 2 h, w).
+
+    ``[k, a, x]``: of the line that begins at the top of strip k, at x, and is a further right at its foot.
+    Beyond the right side is 0.
+    """
+    width = sums.shape[2]
+    for k in range(out.shape[0]):
+        for a in range(out.shape[1]):
+            above, row = sums[2 * k, a // 2], out[k, a]
+            below = sums[2 * k + 1, a // 2, min((a + 1) // 2, width) :]
+            for x in range(below.size):
+                row[x] = above[x] + below[x]
+            beyond, rest = above[below.size :], row[below.size :]
+            for x in range(rest.size):
+                rest[x] = beyond[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def signed_squares(above, above_power, below, below_power, lean, least, most_of_half, out):  # type: ignore[no-untyped-def]
+    """Write n |n| / d of lines into out (w,), from sums over their halves; return the greatest and the least.
+
+    The lines lean right by ``lean``; the extremes are at least and at most 0. No line counts for more than
+    ``most_of_half`` times as much as either of its halves, and for nothing where these do not agree, or where
+    it leaves the page.
+    """
+    zero = np.float32(0)
+    within, step = max(out.size - lean, 0), (lean + 1) // 2
+    # Slices of one length, so that the compiler knows that no index is negative, and loops run in vectors.
+    above, above_power, line = above[:within], above_power[:within], out[:within]
+    below, below_power = below[step : step + within], below_power[step : step + within]
+    for x in range(line.size):
+        n, m, d, e = above[x], below[x], above_power[x], below_power[x]
+        one, other = n * abs(n) / max(d, least), m * abs(m) / max(e, least)
+        value = (n + m) * abs(n + m) / max(d + e, least)
+        more, fewer = max(min(one, other), zero), min(max(one, other), zero)
+        line[x] = min(max(value, zero), most_of_half * more) + max(min(value, zero), most_of_half * fewer)
+    greatest, smallest = zero, zero
+    for x in range(line.size):
+        greatest, smallest = max(greatest, line[x]), min(smallest, line[x])
+    out[within:] = zero
+    return greatest, smallest
+
+
+@inner_kernel()
+def extremes_by_slope(push, power, first, least, most_of_half, above, values, places):  # type: ignore[no-untyped-def]
+    """Find the greatest and least n / sqrt(d) of lines of every slope from ``first`` on.
+
+    push, power (strips, h, w) are those of the lines' halves. above: strips of whole lines above these.
+    Updated: values (2 h, 2), the least with its sign turned; places (2 h, 2, 2): strip and x of each.
+    """
+    width = push.shape[2]
+    line = np.empty(width, np.float32)
+    for a in range(first, 2 * push.shape[1]):
+        half = a // 2
+        for k in range(push.shape[0] // 2):
+            greatest, smallest = signed_squares(
+                push[2 * k, half],
+                power[2 * k, half],
+                push[2 * k + 1, half],
+                power[2 * k + 1, half],
+                a,
+                least,
+                most_of_half,
+                line,
+            )
+            for end in range(2):
+                square = -smallest if end else greatest
+                if square > values[a, end] ** 2:
+                    values[a, end] = np.sqrt(square)
+                    places[a, end, 0] = above + k
+                    places[a, end, 1] = np.argmin(line) if end else np.argmax(line)
+
+
+@kernel(
+    "push (H, W), power (H, W), smallest, first (L), least, most_of_half, values (L, S, 2), places (L, S, 2, 2)",
+    where="0 < smallest, smallest * 2 ** (L - 1) == S, H % S == 0",
+)
+def slanted(push, power, smallest, first, least, most_of_half, values, places):  # type: ignore[no-untyped-def]
+    """Find the greatest and least n / sqrt(d) along lines that lean right, of every slope and of L heights.
+
+    n and d are sums along a line. Heights are smallest, twice that, ..., S rows; slopes a = 0..height of a
+    height are whole columns to the right over it, of which those below first of that height are left out.
+    least: of d, so that little information has little effect; most_of_half: as in ``signed_squares``.
+    Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top; 0 without information.
+    """
+    values[:] = 0
+    places[:] = 0
+    width, tallest = push.shape[1], values.shape[1]
+    for top in range(0, push.shape[0], tallest):  # these rows stay in the cache through all levels
+        n = push[top : top + tallest].reshape(tallest, 1, width)
+        d = power[top : top + tallest].reshape(tallest, 1, width)
+        level = 0
+        while level < values.shape[0]:
+            tall = 2 * n.shape[1]
+            if tall >= smallest:
+                limits = np.float32(least), np.float32(most_of_half)
+                extremes_by_slope(n, d, first[level], *limits, top // tall, values[level], places[level])
+                level += 1
+            if level < values.shape[0]:
+                longer_n = np.empty((tallest // tall, tall, width), np.float32)
+                longer_d = np.empty((tallest // tall, tall, width), np.float32)
+                doubled(n, longer_n)
+                doubled(d, longer_d)
+                n, d = longer_n, longer_d
+
+
+@kernel(
+    "own (H, W), power (H, W), edges (H, W), scatter (3), least, t (H, W), information (H, W)",
+    fastmath=True,
+    error_model="numpy",
+)
+def tile_scores(own, power, edges, scatter, least, t, information):  # type: ignore[no-untyped-def]
+    """Compute T of tiles, and their information on an amount N' / D', (h, w) each, from N', D' and edges.
+
+    scatter (3,): coefficients of the scatter of N': noise, edges, tolerance; tiles of no more D' than
+    ``least`` have none.
+    """
+    noise, at_edges, tolerance = scatter[0], scatter[1], scatter[2]
+    zero = np.float32(0)
+    for y in range(own.shape[0]):
+        push, sure, steep, out, of = own[y], power[y], edges[y], t[y], information[y]
+        for x in range(out.size):
+            d, e = max(sure[x], zero), max(steep[x], zero)
+            spread = noise * max(d - e, zero) + at_edges * e + tolerance * d * d + np.float32(1e-6)
+            out[x] = push[x] / np.sqrt(spread) if d > least else zero
+            of[x] = d * d / spread if d > least else zero

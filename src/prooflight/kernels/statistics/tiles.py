@@ -5,16 +5,14 @@ Row by row, one array written at a time, so that the loops run in vectors.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import shows
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 VOID, BLUR, WHOLE = 1 + 2 * INKS, 2 + 2 * INKS, 3 + 2 * INKS
 """Numbers of modes: light, each ink added (4), each ink's gain (4), void, blur and all inks' gain."""

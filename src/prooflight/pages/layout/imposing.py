@@ -6,21 +6,16 @@ quarter turns, clockwise, of its page in it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import JobError, RequestError
-from prooflight.pages.layout.layout import WHERE
+from prooflight.pages.layout.layout import WHERE, Layout
 from prooflight.pages.raster import MM_PER_INCH, Page
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.pages.layout.layout import Layout
 
 SAME_MM: Final = 0.5
 """Largest difference between the pages on one side, which is less than the cutting tolerance; they are cut

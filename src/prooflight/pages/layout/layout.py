@@ -8,15 +8,13 @@ from 0.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import Final, Literal, get_args
 
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 from prooflight.pages.files import page_name
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Order = Literal["alternate", "batch", "loop"]
 Backs = Literal["upright", "turned", "long-edge", "short-edge"]

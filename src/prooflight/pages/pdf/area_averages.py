@@ -7,14 +7,12 @@ because printed dots gain: the raster holds for both the amount of ink that refl
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.area_averages import STEPS, average_areas
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 InkLight = tuple[tuple[float, ...], ...]
 """For C, M, Y and K: the light that an ink absorbs at even steps from none to all of it, printed alone, as

@@ -10,18 +10,15 @@ from __future__ import annotations
 
 import io
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 from pymupdf import _mupdf, mupdf
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 ToInk = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Conversion of colours (colours, components) of some space to ink amounts 0..1 (colours, 4)."""

@@ -1,4 +1,11 @@
-"""Corrections of the document in memory, before a page is drawn, where MuPDF deviates from ISO 32000.
+"""A document in memory, before a page is drawn: opened, in its state for printing, and corrected.
+
+A file is refused if it is encrypted, truncated, or no PDF at all.
+
+MuPDF hides layers (optional content, ISO 32000-2, 8.11) by a usage for printing although nothing requests that the
+usage count, shows no layer that is printed only, evaluates no expressions, and takes most policies for others. The
+state of each layer for printing is therefore computed here, and written into the document where MuPDF reads it. Other
+places where MuPDF deviates from ISO 32000 are corrected likewise.
 
 Imported late, by ``document`` only: it needs PyMuPDF at import.
 """
@@ -6,18 +13,19 @@ Imported late, by ``document`` only: it needs PyMuPDF at import.
 from __future__ import annotations
 
 import io
+import mmap
+import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, BinaryIO, Final
 
+import pymupdf
 from PIL import Image
 from pymupdf import mupdf
 
+from prooflight.errors import JobError
 from prooflight.pages.pdf.resources import Resource, get, items, name_of, page_resources, shown_name
-from prooflight.pages.pdf.tints import Tinted
-
-if TYPE_CHECKING:
-    from prooflight.pages.pdf.layers import PrintedLayers
-    from prooflight.pages.pdf.tints import TintSpaces
+from prooflight.pages.pdf.tints import Tinted, TintSpaces
 
 BLEND_MODES: Final = frozenset(
     [
@@ -189,3 +197,141 @@ def _drop_unasked_alpha(image: Any) -> None:
     mupdf.pdf_update_stream(
         mupdf.pdf_get_bound_document(image), image, mupdf.fz_new_buffer_from_copied_data(samples.tobytes()), 0
     )
+
+
+DEPTH_MAX = 32
+"""Deepest nesting of expressions of visibility."""
+
+
+class PrintedLayers:
+    """Layers of a document, with whether each is printed."""
+
+    def __init__(self, document: Any) -> None:
+        """Read ``document``, a ``mupdf.PdfDocument``, whose default configuration becomes that for printing."""
+        properties = get(get(mupdf.pdf_trailer(document), "Root"), "OCProperties")
+        groups, default = items(get(properties, "OCGs")), get(properties, "D")
+        self._printed = dict.fromkeys(
+            map(mupdf.pdf_to_num, groups), name_of(get(default, "BaseState")) != "OFF"
+        )
+        for key, printed in (("ON", True), ("OFF", False)):
+            self._printed |= dict.fromkeys(map(mupdf.pdf_to_num, items(get(default, key))), printed)
+        self._apply_usage(default)
+        for group in groups:
+            if not self._has_intent(group, default):
+                self._printed[mupdf.pdf_to_num(group)] = True
+        if groups and default is not None:
+            self._write(document, default, groups)
+
+    def correct(self, membership: Any) -> None:
+        """Simplify a membership dictionary (8.11.2.2) to whether its content is printed."""
+        if name_of(get(membership, "Type")) != "OCMD":
+            return
+        expression, given = get(membership, "VE"), get(membership, "OCGs")
+        if expression is not None:
+            printed = self._value(expression, DEPTH_MAX)
+        else:
+            states = [self._value(group, 1) for group in items(given) or [given] if group is not None]
+            policy = name_of(get(membership, "P")) or "AnyOn"
+            wanted = [state == policy.endswith("On") for state in states]
+            printed = not states or (all(wanted) if policy.startswith("All") else any(wanted))
+        for key in ("VE", "OCGs"):
+            mupdf.pdf_dict_dels(membership, key)
+        # Without groups, all of them are on, and not all of them are off.
+        mupdf.pdf_dict_puts(membership, "P", mupdf.pdf_new_name("AnyOn" if printed else "AllOff"))
+
+    def _apply_usage(self, default: Any) -> None:
+        """Apply usage where an application dictionary names it for the event of printing (8.11.4.4)."""
+        for asked in items(get(default, "AS")):
+            if name_of(get(asked, "Event")) != "Print":
+                continue
+            for group in items(get(asked, "OCGs")):
+                states = set[str]()
+                for category in map(name_of, items(get(asked, "Category"))):
+                    states.add(name_of(get(get(get(group, "Usage"), category), f"{category}State")))
+                if states & {"ON", "OFF"}:
+                    self._printed[mupdf.pdf_to_num(group)] = "OFF" not in states
+
+    @staticmethod
+    def _has_intent(group: Any, default: Any) -> bool:
+        """Return whether a layer's state counts: one of its intents is one of the configuration's (8.11.2.1)."""
+
+        def intents(holder: Any) -> set[str]:
+            given = get(holder, "Intent")
+            return {"View"} if given is None else {name_of(given), *map(name_of, items(given))} - {""}
+
+        return "All" in intents(default) or bool(intents(group) & intents(default))
+
+    def _write(self, document: Any, default: Any, groups: list[Any]) -> None:
+        hidden = mupdf.pdf_new_array(document, len(groups))
+        for group in groups:
+            for key in ("Usage", "Intent"):
+                mupdf.pdf_dict_dels(group, key)
+            if not self._printed[mupdf.pdf_to_num(group)]:
+                mupdf.pdf_array_push(hidden, group)
+        for key in ("BaseState", "ON", "AS", "Intent"):
+            mupdf.pdf_dict_dels(default, key)
+        mupdf.pdf_dict_puts(default, "OFF", hidden)
+        mupdf.pdf_select_layer_config(document, -1)  # it may have been read before
+
+    def _value(self, expression: Any, depth: int) -> bool:
+        """Return the value of an expression of visibility (8.11.2.2); a layer that is not listed is visible."""
+        operands = items(expression)
+        if not operands or not depth:
+            return self._printed.get(mupdf.pdf_to_num(expression), True)
+        values = [self._value(one, depth - 1) for one in operands[1:]]
+        operator = name_of(operands[0])
+        if operator == "Not":
+            return not any(values)
+        return any(values) if operator == "Or" else all(values)
+
+
+AGAIN: Final = "export or copy it again"
+END: Final = b"%%EOF"
+READ_BYTES: Final = 1024
+"""Distance from the end of the file within which MuPDF looks for the end of a PDF."""
+_FOR_CERTIFICATES: Final = re.compile(rb"/SubFilter\s*/adbe\.pkcs7\.s[345]\b")
+"""Entry of an encryption dictionary, which is itself never encrypted (ISO 32000-2, 7.6.5)."""
+_OBJECT: Final = re.compile(rb"[0-9]\s+[0-9]+\s+obj\b")
+
+
+def open_document(path: Path, shown: str) -> Any:
+    """Open a ``pymupdf.Document``; ``shown`` is its name in errors. JobError: encrypted or truncated."""
+    with path.open("rb") as file:
+        end = _end_of_pdf(file)
+        try:
+            if not end:
+                document = pymupdf.Document(_name_for_mupdf(path, file), filetype="pdf")
+            else:
+                file.seek(0)
+                document = pymupdf.Document(stream=file.read(end), filetype="pdf")
+        except Exception:
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                if not _FOR_CERTIFICATES.search(data):
+                    raise
+            what = "the PDF is encrypted for the holders of certificates"
+            raise JobError(shown, what, remedy="save it without encryption") from None
+    if document.needs_pass:
+        raise JobError(shown, "the PDF is encrypted", remedy="save it without a password")
+    if document.is_repaired and end == 0:
+        raise JobError(shown, "the PDF is truncated", remedy=AGAIN)
+    return document
+
+
+def _end_of_pdf(file: BinaryIO) -> int | None:
+    """Return the end of a PDF that is followed by other bytes; None: at the end of its file; 0: it is truncated."""
+    size = file.seek(0, 2)
+    file.seek(max(0, size - READ_BYTES))
+    if END in file.read():
+        return None
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        end = data.rfind(END)
+        return 0 if end < 0 or _OBJECT.search(data, end) else end + len(END)
+
+
+def _name_for_mupdf(path: Path, file: BinaryIO) -> str:
+    """Return a name that MuPDF can open: it takes names as UTF-8, which files need not have."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return f"/dev/fd/{file.fileno()}"
+    return str(path)

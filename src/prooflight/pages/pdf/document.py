@@ -9,40 +9,33 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pymupdf
+from numpy.typing import NDArray
 from pymupdf import mupdf
 
 from prooflight.errors import InputError, JobError, ProfileError, RequestError, ScanError
 from prooflight.pages.memory import available_bytes, refuse_oversize
 from prooflight.pages.pdf import external
-from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
+from prooflight.pages.pdf.boxes import BoxError, deciding_box, page_marks, printed_box
 from prooflight.pages.pdf.colour_management import address
-from prooflight.pages.pdf.corrections import PageContents, correct_page
+from prooflight.pages.pdf.corrections import AGAIN, PageContents, PrintedLayers, correct_page, open_document
 from prooflight.pages.pdf.drawing import PageDrawing, PlateError, edges_of, icc_space, output_intent
 from prooflight.pages.pdf.fonts import draw_colours_directly, substituted
-from prooflight.pages.pdf.images import SHORT, lost
-from prooflight.pages.pdf.layers import PrintedLayers
-from prooflight.pages.pdf.marks import page_marks
-from prooflight.pages.pdf.opening import AGAIN, open_document
+from prooflight.pages.pdf.images import SHORT, ImageFault, lost
 from prooflight.pages.pdf.resources import shown_name
-from prooflight.pages.pdf.rip_model import UNSTATED, grown, growth_margin
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel, grown, growth_margin
 from prooflight.pages.pdf.tints import TintSpaces
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
-    from prooflight.pages.pdf.images import ImageFault
-    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.spots.spot_print import SpotPrint
 
 BYTES_PER_PIXEL: Final = 40
@@ -131,7 +124,7 @@ class PdfFile:
             self._document.save(str(out), garbage=3)
 
     def marks(self, number: int) -> dict[str, Any]:
-        """Return the marked places of page ``number`` (``pages.pdf.marks``); errors as ``draw``."""
+        """Return the marked places of page ``number`` (``pages.pdf.boxes``); errors as ``draw``."""
         with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
             box = self._box(page, number)
@@ -196,7 +189,7 @@ class PdfFile:
 
     def document_facts(self) -> dict[str, Any]:
         """Return facts of the whole file (``document_facts``); JobError: it is damaged."""
-        from prooflight.pages.pdf.document_facts import document_facts
+        from prooflight.pages.pdf.page_facts import document_facts
 
         with self._listening("the PDF is damaged"):
             return document_facts(self._pdf())

@@ -12,6 +12,7 @@ Ghostscript's ``tiffsep`` composite and MuPDF's overprint simulation merge plate
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,8 +28,6 @@ from prooflight.pages.pdf.tints import COLOURS_MAX, Tinted, TintSpaces
 from prooflight.pages.raster import MM_PER_INCH
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from prooflight.pages.pdf.rip_model import RipModel
 
 PLATES_MAX = COLOURS_MAX - 4

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, get_args
+from typing import Annotated, ClassVar, Final, Literal, get_args
 
 from pydantic import Field
 
 from prooflight.files.fields import NO_OTHER_FIELDS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 EngineName = Literal["mupdf", "ghostscript", "command"]
 ENGINES: Final[tuple[EngineName, ...]] = get_args(EngineName)

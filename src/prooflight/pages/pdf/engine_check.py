@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import JobError
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import POINTS_PER_INCH
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.engine import RipEngine
 
 MEDIA: Final = (0.0, 0.0, 260.0, 210.0)

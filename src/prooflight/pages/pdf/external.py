@@ -12,24 +12,19 @@ import re
 import resource
 import signal
 import subprocess
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import JobError
 from prooflight.pages.memory import MEGAPIXELS_MAX
-from prooflight.pages.pdf.engine import GHOSTSCRIPT
+from prooflight.pages.pdf.engine import GHOSTSCRIPT, RipEngine
 from prooflight.pages.raster import POINTS_PER_INCH
 from prooflight.pages.warnings import PageWarning
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from prooflight.pages.pdf.engine import RipEngine
 
 TIFF: Final = "page.tif"
 MESSAGES: Final = "messages.txt"

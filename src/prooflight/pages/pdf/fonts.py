@@ -7,18 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
 
 import numpy as np
 from pymupdf import mupdf
 
 from prooflight.pages.pdf.colour_management import address
-from prooflight.pages.pdf.resources import get, items, name_of, shown_name
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from prooflight.pages.pdf.resources import Resource
+from prooflight.pages.pdf.resources import Resource, get, items, name_of, shown_name
 
 _ITEM: Final = np.dtype(
     [("x", "f4"), ("y", "f4"), ("advance", "f4"), ("glyph", "i4"), ("letter", "i4"), ("code", "i4")]

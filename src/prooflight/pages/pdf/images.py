@@ -8,18 +8,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from math import ceil, hypot
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import pymupdf
+from numpy.typing import NDArray
 from pymupdf import mupdf
 
-from prooflight.pages.pdf.colour_management import Inks, address, apply_link
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.pages.pdf.colour_management import ToInk
+from prooflight.pages.pdf.colour_management import Inks, ToInk, address, apply_link
 
 _UNDECODABLE: Final = re.compile(
     r"premature end|treating as end of file|\b(?:jpeg|openjpeg|jbig2dec) error|^zlib error|"

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight import errors
 from prooflight.errors import RequestError
@@ -30,7 +31,6 @@ from prooflight.errors import RequestError
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from numpy.typing import NDArray
 
 SECONDS: Final = "PROOFLIGHT_RIP_SECONDS"
 """Environment variable: longest time for opening a PDF, or ripping a page."""

@@ -5,13 +5,11 @@ Imported late, by ``document`` and what it uses only: it needs PyMuPDF at import
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from pymupdf import mupdf
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 CATEGORIES: Final = ("ColorSpace", "ExtGState", "Font", "Pattern", "Properties", "Shading", "XObject")
 

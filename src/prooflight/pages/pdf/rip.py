@@ -18,6 +18,7 @@ Opening and ripping take place in a process of their own, within limits: ``rip_p
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,19 +29,16 @@ from prooflight.pages.files import check_dpi, page_name
 from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.pdf.facts import DocumentFacts, PageFacts
-from prooflight.pages.pdf.rip_model import UNSTATED
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     import numpy as np
     from numpy.typing import NDArray
 
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
-    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.spots.spot_print import SpotPrint
 
 SWATCHES_A_PAGE: Final = 16

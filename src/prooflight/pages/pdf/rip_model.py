@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.files.fields import NO_OTHER_FIELDS, Number
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.area_averages import InkLight
 
 FillRule = Literal["centre", "any-part", "area"]

@@ -14,19 +14,17 @@ Imported late, by ``document`` and what it uses only: it needs PyMuPDF at import
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pymupdf import _mupdf, mupdf
 
 from prooflight.pages.pdf.resources import entries, get, items, name_of, shown_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.colour_management import Inks
     from prooflight.pages.spots.spot_print import SpotPrint
 

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import InputError, JobError
 from prooflight.pages.memory import file_stamp, keep_memory
@@ -32,8 +33,6 @@ from prooflight.pages.pdf.rip_model import RipModel
 from prooflight.pages.spots.spot_print import SpotPrint
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.warnings import PageWarning
 
 FILES_CACHED: Final = 8

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.errors import ChartError
 from prooflight.files.given import GivenFiles, shortly
@@ -19,10 +21,8 @@ from prooflight.pages.spots.spot_ink import SpotInk
 from prooflight.spectra import to_grid
 
 if TYPE_CHECKING:
-    from pathlib import Path
     from xml.etree.ElementTree import Element
 
-    from numpy.typing import NDArray
 
 REMEDY: Final = "export the PDF again, with the spectra of its inks as CxF/X-4"
 MOST_BANDS: Final = 1000

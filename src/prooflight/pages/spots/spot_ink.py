@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.spectra import BANDS, xyz
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 LEAST: Final = 1e-4
 """Least reflectance factor by which another is divided; spectrophotometers resolve about 1e-3."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
-from prooflight.pages.zones.zone import KINDS, Kind
+from prooflight.pages.zones.zone import KINDS, Box, Kind
 from prooflight.pages.zones.zones_file import LEAST_MM2, ZoneEntry
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
     from prooflight.pages.pdf.rip import PageMarks
-    from prooflight.pages.zones.zone import Box
 
 LONGEST_NAME: Final = 255
 

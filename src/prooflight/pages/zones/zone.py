@@ -6,16 +6,13 @@ normal zone therefore cuts a hole into an ignored one, and an ignored zone never
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 Kind = Literal["ignore", "normal", "careful"]
 KINDS: Final[tuple[Kind, ...]] = ("ignore", "normal", "careful")

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import Field
@@ -20,9 +22,6 @@ from prooflight.pages.job import parse_pages
 from prooflight.pages.zones.zone import Calibration, Kind, PageZones, Zone, contested, share_ignored
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from prooflight.pages.raster import Page
 
 SCHEMA: Final = 1

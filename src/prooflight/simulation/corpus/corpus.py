@@ -10,6 +10,7 @@ generator, ``stream(seed, "design", index)``. Only solid inks and the letters of
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -25,8 +26,6 @@ from prooflight.simulation.corpus.designs.inks import BLACK
 from prooflight.simulation.corpus.designs.sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     Layout = Callable[[Sheet, np.random.Generator, DesignStyle], None]
 
 BLACK_ALONE: Final = 0.30

@@ -6,16 +6,14 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.scans.placement import Placement
-from prooflight.simulation.misprints.drawing import ALL_INKS, FULL, Box, inks_named, plateau
+from prooflight.simulation.misprints.drawing import ALL_INKS, FULL, Box, Drawn, Mishap, inks_named, plateau
 from prooflight.simulation.worlds import entry
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
-    from prooflight.simulation.misprints.drawing import Drawn, Mishap
 
 GHOST_WIDTH_MM = (40.0, 250.0)
 GHOST_HEIGHT_MM = (15.0, 90.0)

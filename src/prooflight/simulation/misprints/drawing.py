@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.worlds import amount, entry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
 
 FULL = 255.0

@@ -6,6 +6,7 @@ change the printed raster, a page off its place lies elsewhere under the camera.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from prooflight.simulation.misprints.drawing import Drawn, Mishap, Misprint
 from prooflight.simulation.worlds import entry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from prooflight.pages.raster import Page
 
 __all__ = ["KINDS", "Drawn", "Misprint", "draw_misprint", "scope_of"]

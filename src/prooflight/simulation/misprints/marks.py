@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.simulation.misprints.drawing import ALL_INKS, FULL, Box, inks_named, plateau, rewrite
+from prooflight.simulation.misprints.drawing import (
+    ALL_INKS,
+    FULL,
+    Box,
+    Drawn,
+    Mishap,
+    inks_named,
+    plateau,
+    rewrite,
+)
 from prooflight.simulation.misprints.planes import span
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.simulation.misprints.drawing import Drawn, Mishap
 
 FULL_HEIGHT_SHARE = 0.5
 """assumed: share of streaks that run from the page's top to its end."""

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_NAMES
-from prooflight.simulation.misprints.drawing import FULL, SAMPLE_STEP, Box, inks_named, plateau, rewrite
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.simulation.misprints.drawing import Drawn, Mishap
+from prooflight.simulation.misprints.drawing import (
+    FULL,
+    SAMPLE_STEP,
+    Box,
+    Drawn,
+    Mishap,
+    inks_named,
+    plateau,
+    rewrite,
+)
 
 WHOLE_PAGE_SHARE = 0.5
 """assumed: share of fading inks that cover the whole page rather than a band of it."""

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.glyphs.finding import find_glyphs, hardened, lines_of
+from prooflight.detectors.matched_filter.glyphs.letters import find_glyphs, hardened, lines_of
 from prooflight.kernels.statistics.glyphs import PIECE, RUN, filled_pieces, joined_runs, piece_boxes
 from prooflight.pages.raster import Page
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.detectors.matched_filter.glyphs.guarantee import GlyphThreshold, combined_score
-from prooflight.detectors.matched_filter.glyphs.scoring import NONE
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE, GlyphThreshold, combined_score
 
 SCORES = st.lists(st.floats(NONE, 60), min_size=2, max_size=200)
 

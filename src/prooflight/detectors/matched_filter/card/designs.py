@@ -15,7 +15,7 @@ from prooflight.prediction.predict import levels_of
 from prooflight.prediction.quantised_table import quantised_table
 
 if TYPE_CHECKING:
-    from prooflight.detectors.matched_filter.scan_images import DesignImages
+    from prooflight.detectors.matched_filter.design import PreparedPage
     from prooflight.kernels.gpu.runners import Runner
     from prooflight.prediction.tables import SensorModel
 
@@ -75,7 +75,7 @@ class DesignOnCard:
     """``phase_weights`` by footprint."""
 
     @classmethod
-    def of(cls, design: DesignImages, runner: Runner) -> DesignOnCard:
+    def of(cls, design: PreparedPage, runner: Runner) -> DesignOnCard:
         """Put a design where bodies run."""
         parts = [design.images.values]
         parts += [] if design.hidden is None else [design.hidden]
@@ -85,8 +85,8 @@ class DesignOnCard:
             packed=runner.put(design.page.packed),
             stack=runner.put(np.concatenate(parts)),
             bells=runner.put(design.colours.bells()),
-            seen_by=design.sensors,
-            sensors=tuple(SensorOnCard.of(sensor, runner) for sensor in design.sensors),
+            seen_by=design.binned_sensors,
+            sensors=tuple(SensorOnCard.of(sensor, runner) for sensor in design.binned_sensors),
             weights={},
         )
 
@@ -103,7 +103,7 @@ class Designs:
         self._on_card: dict[int, DesignOnCard] = {}
         self._guard = threading.Lock()
 
-    def on_card(self, design: DesignImages, runner: Runner) -> DesignOnCard:
+    def on_card(self, design: PreparedPage, runner: Runner) -> DesignOnCard:
         """Return a design where bodies run; put there if it is not, or seen by other sensors if its light changed."""
         key = id(design.images.levels)
         with self._guard:
@@ -111,7 +111,7 @@ class Designs:
             if on_card is None:
                 on_card = DesignOnCard.of(design, runner)
                 weakref.finalize(design.images.levels, self._on_card.pop, key, None)
-            elif on_card.seen_by is not design.sensors:
-                on_card = on_card.under(design.sensors, runner)
+            elif on_card.seen_by is not design.binned_sensors:
+                on_card = on_card.under(design.binned_sensors, runner)
             self._on_card[key] = on_card
             return on_card

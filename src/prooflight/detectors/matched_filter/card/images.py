@@ -1,4 +1,4 @@
-"""Images of one scan on a graphics card: the steps of ``scan_images.ScanImages`` as bodies of ``kernels.gpu``.
+"""Images of one scan on a graphics card: the steps of ``analysis.ScanImages`` as bodies of ``kernels.gpu``.
 
 A design's raster and images stay on the card from its first scan on. The scan and small arrays go up; block sums,
 flat squares, sums of evidence and the images that marks and glyphs need come back. Small systems (the fit, the noise
@@ -13,32 +13,41 @@ from __future__ import annotations
 import math
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
+from prooflight.detectors.matched_filter.analysis import UNRESOLVED, Engine, PlacedPage, sums_of
 from prooflight.detectors.matched_filter.card.designs import DesignOnCard, Designs
 from prooflight.detectors.matched_filter.fit.binning import bins_of
-from prooflight.detectors.matched_filter.fit.hidden import PLANE_SD
 from prooflight.detectors.matched_filter.fit.modes import Modes
-from prooflight.detectors.matched_filter.fit.moves import LOCAL_PIXELS, moves_of, tile_shape
 from prooflight.detectors.matched_filter.fit.nuisance import (
     BLOCK,
     MOST_BLOCKS,
+    Fit,
     FitBlocks,
+    NuisanceModel,
     PlacedScan,
-    fit_blocks,
     summed_blocks,
 )
-from prooflight.detectors.matched_filter.fit.residuals import FLAT_SIGMAS, fitted_amounts, noise_of
-from prooflight.detectors.matched_filter.scan_images import UNRESOLVED, sums_of
+from prooflight.detectors.matched_filter.fit.residuals import (
+    FLAT_SIGMAS,
+    LOCAL_PIXELS,
+    fitted_amounts,
+    moves_of,
+    noise_of,
+    tile_shape,
+)
+from prooflight.detectors.matched_filter.fit.special_places import PLANE_SD
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     EDGE_CLASSES,
     MODES,
     SEGMENTS,
+    Sums,
     own_gains,
     segment_lines,
     sums_from,
@@ -53,13 +62,6 @@ from prooflight.prediction.predict import Prediction, raster_and_planes, shot_sl
 from prooflight.prediction.sampling_grid import sampling_grid
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit
-    from prooflight.detectors.matched_filter.scan_images import Engine, PlacedPage
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.kernels.gpu.runners import Pool, Runner
     from prooflight.scans.placement import Placement
 
@@ -104,7 +106,7 @@ class CardImages:
         self._guard, self._screened = threading.Lock(), False
         self._rounds: tuple[str, ...] = ROUNDS
         self._whole: PlacedScan | None = None
-        of, sensors = page.design, len(page.design.sensors)
+        of, sensors = page.design, len(page.design.binned_sensors)
         self._shape, self._sensors = page.where.inside.shape, sensors
         self._gain_at = [INKS * s for s in range(sensors)]
         self._dot_at = [INKS * (sensors + s) for s in range(sensors)]
@@ -151,11 +153,11 @@ class CardImages:
         """Predict all sensors at a placement, into rooms named by ``again``."""
         page, of = self._page, self._page.design
         raster, planes = raster_and_planes(page.printed, placement)
-        grid = sampling_grid(raster, of.geometry, placement, along_first=True)
+        grid = sampling_grid(raster, of.binned_geometry, placement, along_first=True)
         if (
             placement.is_shift
             or raster is not of.page
-            or any(shot_slope(sensor) <= 0 for sensor in of.sensors)
+            or any(shot_slope(sensor) <= 0 for sensor in of.binned_sensors)
         ):
             seen = page.predict(placement)
             for s in range(self._sensors):
@@ -165,7 +167,7 @@ class CardImages:
         where = np.zeros((5, 2), np.int32)
         where[:4], where[4] = planes, planes.any()
         self._fill("planes", where)
-        for s, sensor in enumerate(of.sensors):
+        for s, sensor in enumerate(of.binned_sensors):
             passes = []
             for name, one in zip(
                 ("across", "along"), grid.passes(sensor.footprint, raster.pixel_mm), strict=True
@@ -252,7 +254,13 @@ class CardImages:
         )
         contrast = self._page.residual_variance.contrast
         for s in range(self._sensors):
-            run(residuals.binned, self._shape, scan[s], bins_of(of.camera_geometry), self._of("measured", s))
+            run(
+                residuals.binned,
+                self._shape,
+                scan[s],
+                bins_of(of.landmarks.geometry),
+                self._of("measured", s),
+            )
             if of.hidden is not None and contrast > 0:
                 share, hidden_at = f32(PLANE_SD**2 / contrast), len(of.images.units) + s
                 run(residuals.with_hidden, self._shape, modes, hidden_at, share, self._texture_at[s])
@@ -278,16 +286,17 @@ class CardImages:
             self._runner.back(self._room(f"block sums {s}", (MOST_BLOCKS, SUMS)))[: len(block_corners)]
             for s in range(self._sensors)
         ]
-        return fit_blocks(
+        model = NuisanceModel.of(
             blocks,
             np.stack(totals),
-            sensors=of.sensors,
+            sensors=of.binned_sensors,
             colours=of.colours,
             planes=planes,
-            pixel_mm=of.geometry.pixel_pitch_mm,
+            pixel_mm=of.binned_geometry.pixel_pitch_mm,
             prior=of.prior,
             residual_variance=self._page.residual_variance,
         )
+        return model.fit()
 
     def _sum_blocks(self) -> None:
         run = self._runner.run
@@ -383,7 +392,7 @@ class CardImages:
     def _compute_weights(self) -> None:
         of = self._page.residual_variance
         shares = [f32(one) for one in (of.edge, of.contrast, of.share, of.dark)]
-        for s, sensor in enumerate(self._page.design.sensors):
+        for s, sensor in enumerate(self._page.design.binned_sensors):
             self._runner.run(
                 residuals.weighted,
                 self._shape,
@@ -478,12 +487,15 @@ class CardImages:
         """Sum up on the card; its residuals and weight are changed on the way."""
         page = self._page
         of, (lines, pixels) = page.design, self._shape
-        side, which = tile_side(of.geometry), np.array([MODES.index(name) for name in SCREEN_MODES], np.int64)
+        side, which = (
+            tile_side(of.binned_geometry),
+            np.array([MODES.index(name) for name in SCREEN_MODES], np.int64),
+        )
         self._fill("which", which)
         self._fill("line shift", -np.rint(page.where.slant()).astype(np.int64))
         self._fill("most edges", np.array(EDGE_CLASSES, f32))
         self._runner.step(self._at("columns"), self._sum_columns)
-        gains = own_gains(self._runner.back(self._room("gains", (self._sensors, pixels))), of.geometry)
+        gains = own_gains(self._runner.back(self._room("gains", (self._sensors, pixels))), of.binned_geometry)
         for s in range(self._sensors):
             self._fill(f"own gains {s}", gains[s])
         tiles = self._room("tiles", (4, which.size + 1, lines // side, pixels // side))
@@ -496,7 +508,7 @@ class CardImages:
             columns,
             self._runner.back(cover),
             gains,
-            geometry=of.geometry,
+            geometry=of.binned_geometry,
             page_width_mm=of.page.width_mm,
             prior=of.prior,
             modes=SCREEN_MODES,
@@ -579,7 +591,7 @@ class CardImages:
                 ),
                 modes=Modes(images=images, sensors=self._sensors),
                 where=page.where,
-                sensors=of.sensors,
+                sensors=of.binned_sensors,
                 colours=of.colours,
                 lost=page.binned_lost(),
             )

@@ -15,27 +15,24 @@ whole page. They are computed from patches of the page's own tints (``row_beats`
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.pages.screen import screened
+from prooflight.pages.screen import Screen, screened
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.modes import Modes
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.sampling import Footprint
-    from prooflight.pages.screen import Screen
     from prooflight.prediction.tables import SensorModel
 
 LEVELS: Final = (26, 64, 128, 191, 230)

@@ -6,11 +6,13 @@ and are then moved to where a scan's page is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.binning import thinned
@@ -21,15 +23,17 @@ from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.predict import predict_light
-from prooflight.prediction.tables import EVERY, SLOPE_NODES, SameArray, mean_slopes, node_fractions
+from prooflight.prediction.tables import (
+    EVERY,
+    SLOPE_NODES,
+    SameArray,
+    SensorModel,
+    mean_slopes,
+    node_fractions,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.pages.raster import Page
-    from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
 

@@ -8,15 +8,18 @@ amounts are estimated from means over blocks, by robust weighted least squares w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from itertools import accumulate
+from math import prod
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.layout import FitLayout, FitParts
 from prooflight.kernels.residuals.fit import (
     DOT_AT,
     GAIN_AT,
@@ -30,14 +33,62 @@ from prooflight.kernels.residuals.fit import (
 from prooflight.pages.parallel import parts_of, shared_out
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
     from prooflight.detectors.print_prior import PrintPrior
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
+
+
+class FitParts(NamedTuple):
+    """Parameter vectors of the fit, or arrays whose last axis is such a vector, by kind of amount.
+
+    The parts are views.
+    """
+
+    white: NDArray[np.float64]
+    """(..., sensors) light of each sensor."""
+    common: NDArray[np.float64]
+    """(..., 1) light common to all sensors."""
+    lamp: NDArray[np.float64]
+    """(..., LAMP_WAVES) waves of the lamp's profile."""
+    shape: NDArray[np.float64]
+    """(..., sensors, colours) weights of smooth functions of the page's colours."""
+    gain: NDArray[np.float64]
+    """(..., 4, 3) gain of each ink at the centre, and its increase at the right and at the lower edge."""
+    dot: NDArray[np.float64]
+    """(..., 4) dot gain of each ink."""
+    planes: NDArray[np.float64]
+    """(..., 4, 2) displacement of each ink's plane, to the right and down."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitLayout:
+    """Number and order of the amounts of a fit."""
+
+    sensors: int
+    colours: int
+    """Number of smooth functions of colour that the page has."""
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Shapes of the parts of one vector, in their order."""
+        of_colours = self.sensors, self.colours
+        return (self.sensors,), (1,), (LAMP_WAVES,), of_colours, (INKS, 3), (INKS,), (INKS, 2)
+
+    @property
+    def size(self) -> int:
+        """Number of amounts."""
+        return sum(prod(shape) for shape in self.shapes)
+
+    def parts(self, vectors: NDArray[np.float64]) -> FitParts:
+        """Return views of vectors (..., size) by kind of amount."""
+        ends = list(accumulate(prod(shape) for shape in self.shapes))
+        pieces = (
+            vectors[..., end - prod(shape) : end].reshape(*vectors.shape[:-1], *shape)
+            for end, shape in zip(ends, self.shapes, strict=True)
+        )
+        return FitParts(*pieces)
+
 
 BLOCK: Final = 8
 """Side of the blocks whose means are fitted. [pixels]"""
@@ -106,8 +157,6 @@ class Fit:
     determined_share: NDArray[np.float64]
     """(amounts,) share of each amount that the page determines, not the prior: 1 - posterior over prior
     variance. [-]"""
-    noise: NDArray[np.float64]
-    """(sensors,) true temporal variance over the predicted one, from flat places. [-]"""
     spread: float
     """Robust spread of blocks about the fit, in units of their standard deviation. [-]"""
     lost: float
@@ -272,114 +321,6 @@ class PlacedScan:
         return np.asarray(self.seen.expected_dn - offset[:, None], np.float32)
 
 
-def fit_nuisances(
-    scan: PlacedScan,
-    *,
-    planes: NDArray[np.float64],
-    pixel_mm: float,
-    prior: PrintPrior,
-    residual_variance: ResidualVariance,
-    threads: int = 1,
-) -> Fit:
-    """Estimate every nuisance parameter of one scan.
-
-    Parameters
-    ----------
-    scan : the scan at its page's placement.
-    planes : (4, 2) register of planes from registration, where their estimation starts [pixels].
-    pixel_mm : pitch of the pixels [mm].
-    prior : standard deviations of the amounts.
-    residual_variance : variance of good prints in addition to the fit.
-    threads : number of threads that share the blocks.
-    """
-    blocks = FitBlocks.of(scan.seen_by_all())
-    return fit_blocks(
-        blocks,
-        summed_blocks(scan, blocks, threads),
-        sensors=scan.sensors,
-        colours=scan.colours,
-        planes=planes,
-        pixel_mm=pixel_mm,
-        prior=prior,
-        residual_variance=residual_variance,
-    )
-
-
-def fit_blocks(
-    blocks: FitBlocks,
-    sums: NDArray[np.float32],
-    *,
-    sensors: Sequence[SensorModel],
-    colours: Colours,
-    planes: NDArray[np.float64],
-    pixel_mm: float,
-    prior: PrintPrior,
-    residual_variance: ResidualVariance,
-) -> Fit:
-    """Estimate every nuisance parameter from sums over blocks, (sensors, blocks, SUMS) as ``block_sums`` gives them.
-
-    The others as in ``fit_nuisances``.
-    """
-    noise = np.ones(len(sensors))
-    model = _Model.of(_means(blocks, sums, colours), prior, pixel_mm, planes)
-    white_dn = np.array([sensor.white_dn for sensor in sensors])
-    amounts, sd, robust, lost = model.solved(noise, residual_variance, white_dn)
-    fitted = model.layout.parts(amounts * model.scale)
-    return Fit(
-        white=fitted.white + fitted.common,
-        lamp=fitted.lamp,
-        shape=fitted.shape,
-        gain=fitted.gain,
-        dot=fitted.dot,
-        planes=fitted.planes,
-        pulls=amounts / sd,
-        determined_share=sd**2,
-        noise=noise,
-        spread=robust,
-        lost=lost,
-        prior=prior,
-    )
-
-
-def free_gains(
-    blocks: FitBlocks,
-    sums: NDArray[np.float32],
-    *,
-    sensors: Sequence[SensorModel],
-    colours: Colours,
-    planes: NDArray[np.float64],
-    pixel_mm: float,
-    prior: PrintPrior,
-    residual_variance: ResidualVariance,
-) -> dict[int, float]:
-    """Return the gain of each ink that is further off than on good prints, by its number; empty: none is.
-
-    The prior of good prints holds gains back. Inks are freed of it one by one, the one first whose freedom explains
-    most: that one ink is off is likelier than that several are, of which the same light may be a mixture. Arguments as
-    of ``fit_blocks``.
-    """
-    model = _Model.of(_means(blocks, sums, colours), prior, pixel_mm, planes)
-    white_dn = np.array([sensor.white_dn for sensor in sensors])
-    variance = model.variance(np.ones(len(sensors)), residual_variance, white_dn)
-
-    def solved(inks: tuple[int, ...]) -> tuple[float, NDArray[np.float64]]:
-        free = model.freed(inks, FREE_GAIN / prior.gain)
-        amounts = free.solved(np.ones(len(sensors)), residual_variance, white_dn)[0]
-        z = (model.blocks.residual - free.x @ amounts) / np.sqrt(variance)
-        cost = TEMPER * np.minimum(z**2, FAR**2).sum() + (amounts**2).sum()
-        return float(cost), model.layout.parts(amounts * free.scale).gain[:, 0]
-
-    freed: tuple[int, ...] = ()
-    cost, gains = solved(freed)
-    while len(freed) < INKS:
-        tried = {ink: solved((*freed, ink)) for ink in range(INKS) if ink not in freed}
-        best = min(tried, key=lambda ink: tried[ink][0])
-        if tried[best][0] > cost - BETTER:
-            break
-        freed, (cost, gains) = (*freed, best), tried[best]
-    return {ink: float(gains[ink]) for ink in freed}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Blocks:
     """Means over the pixels of some blocks of every sensor; darker is less."""
@@ -403,11 +344,6 @@ class _Blocks:
     across: NDArray[np.float64]
     """(blocks,) position, -1 left .. 1 right."""
     along: NDArray[np.float64]
-
-    @property
-    def layout(self) -> FitLayout:
-        """Layout of the amounts that are fitted to the blocks."""
-        return FitLayout(sensors=len(self.light), colours=self.shape.shape[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -492,21 +428,49 @@ def _means(blocks: FitBlocks, sums: NDArray[np.float32], colours: Colours) -> _B
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Model:
+class NuisanceModel:
     """Linear model of block means; its rows are the blocks of all sensors."""
 
     layout: FitLayout
-    blocks: _Blocks
+    residual: NDArray[np.float64]
+    """(sensors, blocks) measured minus expected signal. [DN]"""
+    variance: NDArray[np.float64]
+    """(sensors, blocks) variance of the residual. [DN^2]"""
     x: NDArray[np.float64]
     """(sensors, blocks, amounts) design matrix, scaled by the prior's standard deviations. [DN]"""
     scale: NDArray[np.float64]
     """(amounts,) prior standard deviations."""
     start: NDArray[np.float64]
     """(amounts,) prior means."""
+    prior: PrintPrior
 
     @classmethod
-    def of(cls, blocks: _Blocks, prior: PrintPrior, pixel_mm: float, planes: NDArray[np.float64]) -> _Model:
-        layout, light = blocks.layout, blocks.light
+    def of(
+        cls,
+        places: FitBlocks,
+        sums: NDArray[np.float32],
+        *,
+        sensors: Sequence[SensorModel],
+        colours: Colours,
+        planes: NDArray[np.float64],
+        pixel_mm: float,
+        prior: PrintPrior,
+        residual_variance: ResidualVariance,
+    ) -> NuisanceModel:
+        """Create the model of one scan.
+
+        Parameters
+        ----------
+        places : blocks of the scan.
+        sums : (sensors, blocks, SUMS) sums over them (``summed_blocks``).
+        sensors, colours : of the page.
+        planes : (4, 2) register of planes from registration, where their estimation starts [pixels].
+        pixel_mm : pitch of the pixels [mm].
+        prior : standard deviations of the amounts.
+        residual_variance : variance of good prints in addition to the fit.
+        """
+        blocks = _means(places, sums, colours)
+        layout, light = FitLayout(sensors=len(sensors), colours=blocks.shape.shape[1]), blocks.light
         x = np.zeros((*light.shape, layout.size))
         by, scale = layout.parts(x), amounts_sd(prior, layout, pixel_mm)
         waves = np.arange(1, LAMP_WAVES + 1)
@@ -525,36 +489,75 @@ class _Model:
         x *= scale
         start = np.zeros(layout.size)
         layout.parts(start).planes[...] = planes / layout.parts(scale).planes
-        return cls(layout=layout, blocks=blocks, x=x, scale=scale, start=start)
+        white_dn = np.array([[sensor.white_dn] for sensor in sensors])
+        variance = (
+            blocks.variance
+            + residual_variance.contrast * blocks.texture
+            + 4 * residual_variance.edge * blocks.steepness
+        )
+        variance = variance / blocks.pixels + EDGE_BIAS**2 * blocks.steepness
+        variance = variance + (residual_variance.share_of(light, white_dn) * light) ** 2
+        return cls(
+            layout=layout,
+            residual=blocks.residual,
+            variance=variance,
+            x=x,
+            scale=scale,
+            start=start,
+            prior=prior,
+        )
 
-    def freed(self, inks: Sequence[int], times: float) -> _Model:
+    def fit(self) -> Fit:
+        """Estimate every nuisance parameter of the scan."""
+        amounts, sd, robust, lost = self.solved()
+        fitted = self.layout.parts(amounts * self.scale)
+        return Fit(
+            white=fitted.white + fitted.common,
+            lamp=fitted.lamp,
+            shape=fitted.shape,
+            gain=fitted.gain,
+            dot=fitted.dot,
+            planes=fitted.planes,
+            pulls=amounts / sd,
+            determined_share=sd**2,
+            spread=robust,
+            lost=lost,
+            prior=self.prior,
+        )
+
+    def free_gains(self) -> dict[int, float]:
+        """Return the gain of each ink that is further off than on good prints, by its number; empty: none is.
+
+        The prior of good prints holds gains back. Inks are freed of it one by one, the one first whose freedom explains
+        most: that one ink is off is likelier than that several are, of which the same light may be a mixture.
+        """
+
+        def with_free(inks: tuple[int, ...]) -> tuple[float, NDArray[np.float64]]:
+            free = self.freed(inks, FREE_GAIN / self.prior.gain)
+            amounts = free.solved()[0]
+            z = (self.residual - free.x @ amounts) / np.sqrt(self.variance)
+            cost = TEMPER * np.minimum(z**2, FAR**2).sum() + (amounts**2).sum()
+            return float(cost), self.layout.parts(amounts * free.scale).gain[:, 0]
+
+        freed: tuple[int, ...] = ()
+        cost, gains = with_free(freed)
+        while len(freed) < INKS:
+            tried = {ink: with_free((*freed, ink)) for ink in range(INKS) if ink not in freed}
+            best = min(tried, key=lambda ink: tried[ink][0])
+            if tried[best][0] > cost - BETTER:
+                break
+            freed, (cost, gains) = (*freed, best), tried[best]
+        return {ink: float(gains[ink]) for ink in freed}
+
+    def freed(self, inks: Sequence[int], times: float) -> NuisanceModel:
         """Return the model with priors of the gains of some inks that are so many times as wide."""
         wider = np.ones(self.layout.size)
         self.layout.parts(wider).gain[list(inks), 0] = times
         return replace(self, x=self.x * wider, scale=self.scale * wider, start=self.start / wider)
 
-    def variance(
-        self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the variance of the blocks' residuals, (sensors, blocks) [DN^2]."""
-        of = self.blocks
-        variance = (
-            noise[:, None] * of.variance
-            + residual_variance.contrast * of.texture
-            + 4 * residual_variance.edge * of.steepness
-        )
-        variance = variance / of.pixels + EDGE_BIAS**2 * of.steepness
-        return np.asarray(
-            variance + (residual_variance.share_of(of.light, white_dn[:, None]) * of.light) ** 2
-        )
-
-    def solved(
-        self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    def solved(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
         """Return the amounts in prior standard deviations, their scatter, the spread and the share lost."""
-        of = self.blocks
-        variance = self.variance(noise, residual_variance, white_dn)
-        weight = TEMPER / variance
+        weight = TEMPER / self.variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]
         amounts, spread = self.start.copy(), 1.0
@@ -565,10 +568,10 @@ class _Model:
             normal = x.T @ x + np.eye(
                 size
             )  # a product with the transpose of the same matrix takes half the work
-            rhs = x.T @ (np.sqrt(w) * of.residual.ravel()) + self.start
+            rhs = x.T @ (np.sqrt(w) * self.residual.ravel()) + self.start
             unsure = np.asarray(np.linalg.inv(normal), np.float64)
             amounts = unsure @ rhs
-            z = (of.residual - self.x @ amounts) / np.sqrt(variance)
+            z = (self.residual - self.x @ amounts) / np.sqrt(self.variance)
             spread = float(np.median(np.abs(z)) / 0.6745)
             far = z / (FAR * max(spread, 1.0))
             robust = np.where(np.abs(far) < 1, (1 - far**2) ** 2, 0) + 1e-4

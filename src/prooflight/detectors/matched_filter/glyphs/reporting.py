@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Region
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredGlyph
 
 EXCHANGED: Final = "exchanged-glyph"

@@ -28,23 +28,28 @@ score of such a page may be anything: against that mixture exp S is no more than
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.glyphs.finding import find_glyphs, lines_of
-from prooflight.detectors.matched_filter.glyphs.letters import MARGIN, RIVALS, Letters, Optics, in_cells
+from prooflight.detectors.matched_filter.glyphs.letters import (
+    MARGIN,
+    RIVALS,
+    Letters,
+    Optics,
+    find_glyphs,
+    in_cells,
+    lines_of,
+)
 from prooflight.kernels.statistics.glyphs import NUISANCES, SHARE, Patches, PlacedGlyphs, glyph_energies
 from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.prediction.predict import expected_light
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.modes import PixelMap
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel
@@ -423,3 +428,59 @@ def _padded(
     inside = cells[top - row : shape[0] - row, first - column : shape[1] - column]
     patch[top : top + inside.shape[0], first : first + inside.shape[1]] = inside
     return patch
+
+
+GLYPH_SHARE: Final = 0.1
+"""Share of the guaranteed false-alarm rate that the glyph test has. A wrong digit deviates by some tens of
+standard deviations of good pages and needs no larger share; the ranking loses hardly any power."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GlyphThreshold:
+    """Threshold and p-values of the glyph score S, from a press's own good pages."""
+
+    own: NDArray[np.float64]
+    """(pages,) S of good pages; ``NONE`` for pages without outlying glyphs."""
+    rate: float
+    """False-alarm rate of the glyph test: one good page in 1 / rate alarms. [-]"""
+
+    @property
+    def tail(self) -> tuple[float, float]:
+        """The share of good pages whose S is above 0, with one more counted, and the mean of S there.
+
+        On pages that scatter as stated the mean is 1 at most (``weighing``); one such page is counted in
+        addition to the press's own, and the mean is never less.
+        """
+        above = self.own[self.own > 0]
+        mean = (1 + float(above.sum())) / (1 + above.size)
+        return (1 + above.size) / (1 + self.own.size), max(1.0, mean)
+
+    @property
+    def threshold(self) -> float:
+        """S that good pages exceed at ``rate``: ln(1 / rate), or more if its own good pages require it."""
+        share, mean = self.tail
+        drawn = mean * math.log(max(share / self.rate, 1.0))
+        return max(-math.log(self.rate), drawn, float(self.own.max(initial=NONE)))
+
+    def p_value(self, score: float) -> float:
+        """Return a bound on the probability that a good page's S is so high.
+
+        It is 1 where there is no evidence of a wrong glyph.
+        """
+        if score <= 0:
+            return 1.0
+        share, mean = self.tail
+        by_tail = max(math.exp(-min(score, 700.0)), share * math.exp(-min(score / mean, 700.0)))
+        if score > self.threshold:
+            return min(by_tail, self.rate)
+        return max(by_tail, self.rate)
+
+
+def combined_score(score: float, threshold: float, glyphs: float, glyphs_threshold: float) -> float:
+    """Combine the scores of both tests.
+
+    The result is above the ranking's threshold if and only if one of them alarms.
+    """
+    if not math.isfinite(score) or glyphs <= glyphs_threshold:
+        return score
+    return max(score, threshold + glyphs - glyphs_threshold)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
@@ -15,19 +17,13 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
     SIZES,
     SMALL,
+    Sums,
     flicker,
     smooth_level,
     without_common,
 )
 from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.boxes import boxed, ghost_parts, merged, own_of_cells, squares, t_of_boxes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
 
 LAGS_MM: Final = (3.0, 60.0)
 DETAIL_MM: Final = 15.0

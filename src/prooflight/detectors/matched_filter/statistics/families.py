@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, ghosts
@@ -13,6 +15,8 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
     SCATTER_SHAPES,
+    Scatter,
+    Sums,
     rows,
     streaks,
 )
@@ -42,12 +46,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
 from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.nuisance import Fit
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
     from prooflight.detectors.matched_filter.statistics.marks import Marks
     from prooflight.registration.register import Registration
 

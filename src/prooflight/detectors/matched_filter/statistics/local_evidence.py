@@ -11,12 +11,14 @@ edges, and the tolerance of good prints; c, c' and t are learned.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from prooflight.cmyk import INKS
@@ -29,10 +31,6 @@ from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_
 from prooflight.pages.parallel import parts_of, shared_out
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.fit.beat import RowBeats
     from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan
     from prooflight.detectors.matched_filter.statistics.statistic import Box

@@ -5,10 +5,12 @@ They are of the whole page, and of places away from edges.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.fit.binning import binned
@@ -21,6 +23,8 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     SPANS,
     WIDTH_UNIT_MM,
     WIDTHS,
+    Scatter,
+    Sums,
     periodogram,
     rows,
     streaks,
@@ -40,19 +44,12 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     GOOD_PRINTS,
     NOWHERE,
     OWN_PAGE,
+    Box,
     Observed,
     Reference,
     Statistic,
     mode_and_ink,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
-    from prooflight.detectors.matched_filter.statistics.statistic import Box
 
 LEAST_BOXES: Final = 12
 EVERY_LAG: Final = 8

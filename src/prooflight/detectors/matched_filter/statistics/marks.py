@@ -13,16 +13,18 @@ misprint whatever was learned, unless it is no more than a benign speck (``Floor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from prooflight.detectors.cost import FLOOR_AREA_MM2
-from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Observed, Statistic
+from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Box, Observed, Statistic
 from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.marks import (
     CLASSES,
@@ -40,11 +42,6 @@ from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.registration.landmarks import light_left
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.statistics.statistic import Box
     from prooflight.detectors.print_prior import PrintPrior
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from prooflight.cmyk import INKS
@@ -14,9 +15,10 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     HARMONICS,
     LEAST_POWER,
     MODES,
+    Sums,
     without_common,
 )
-from prooflight.detectors.matched_filter.statistics.statistic import GOOD_PRINTS
+from prooflight.detectors.matched_filter.statistics.statistic import GOOD_PRINTS, Reference
 from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.page_scale import (
@@ -27,11 +29,7 @@ from prooflight.kernels.statistics.page_scale import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.detectors.matched_filter.statistics.boxes import Cells
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
-    from prooflight.detectors.matched_filter.statistics.statistic import Reference
 
 NEIGHBOURS: Final = 81
 """Number of adjacent frequencies whose median is the level of the spectrum."""

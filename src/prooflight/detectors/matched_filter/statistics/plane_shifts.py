@@ -9,15 +9,13 @@ takes a tenth of the time of transforms.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.fit.binning import binned
 from prooflight.kernels.statistics.misplaced_planes import shift_sums
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 CELL_MM: Final = 0.5
 REACH_MM: Final = 2.0

@@ -9,30 +9,25 @@ sqrt(d) along the line.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple
+from collections.abc import Iterator
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.statistics.boxes import cells_of, own_of_tiles
-from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER
+from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER, Scatter, Sums
 from prooflight.detectors.matched_filter.statistics.page_scale import own_scatter
 from prooflight.detectors.matched_filter.statistics.statistic import (
     OWN_PAGE,
+    Box,
     Observed,
     Statistic,
     mode_and_ink,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.slants import slanted, tile_scores
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
-    from prooflight.detectors.matched_filter.statistics.statistic import Box
+from prooflight.kernels.statistics.streaks import slanted, tile_scores
 
 SLANT_MODES: Final = ("add-K", "void")
 """Modes of a mark on the page and of missing ink, of ``MODES``."""

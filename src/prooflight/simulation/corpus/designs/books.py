@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs import charts, drawings, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-from prooflight.simulation.corpus.designs.design_style import Frame
+from prooflight.simulation.corpus.designs.design_style import DesignStyle, Frame
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark
-from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
+from prooflight.simulation.corpus.designs.setting import Style, set_columns, set_paragraph
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.setting import Style
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 

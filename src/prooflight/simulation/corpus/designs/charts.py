@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +13,6 @@ from prooflight.simulation.corpus.designs.inks import PAPER, grey, lighter
 from prooflight.simulation.corpus.designs.setting import cut
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     Plot = Callable[[Frame], None]
 
 

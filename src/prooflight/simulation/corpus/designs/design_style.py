@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from prooflight.simulation.corpus.designs import photographs
 from prooflight.simulation.corpus.designs.chance import pick, some
-from prooflight.simulation.corpus.designs.inks import Palette, Separation
+from prooflight.simulation.corpus.designs.inks import Ink, Palette, Separation
 from prooflight.simulation.corpus.designs.setting import Style, fitted_pt
 from prooflight.simulation.corpus.designs.vocabulary import Voice
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.simulation.corpus.designs.inks import Ink
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from prooflight.simulation.corpus.designs import charts, graphics
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-from prooflight.simulation.corpus.designs.design_style import Frame
+from prooflight.simulation.corpus.designs.design_style import DesignStyle, Frame
 from prooflight.simulation.corpus.designs.inks import PAPER, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
-from prooflight.simulation.corpus.designs.sheet import cells
-
-if TYPE_CHECKING:
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.sheet import Sheet
+from prooflight.simulation.corpus.designs.sheet import Sheet, cells
 
 
 def full_picture(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:

@@ -8,13 +8,11 @@ import cv2
 import numpy as np
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-from prooflight.simulation.corpus.designs.design_style import Frame
-from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, between, grey, lighter
+from prooflight.simulation.corpus.designs.design_style import DesignStyle, Frame
+from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, Ink, between, grey, lighter
 from prooflight.simulation.corpus.designs.photographs import clouds
 
 if TYPE_CHECKING:
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.inks import Ink
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 

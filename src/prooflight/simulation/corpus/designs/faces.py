@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from prooflight.simulation.corpus.designs.chance import count, often, some
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _DESIGN_PX = 2048  # units per em of DejaVu; all faces here are scalable, so any large size would do
 _SMALLEST_PX = 3.0  # below, FreeType refuses or draws dots

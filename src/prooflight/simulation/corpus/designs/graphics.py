@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.simulation.corpus.designs.chance import count, pick, some
-from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, lighter
+from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, Ink, lighter
 
 if TYPE_CHECKING:
-    from prooflight.simulation.corpus.designs.inks import Ink
     from prooflight.simulation.corpus.designs.sheet import Sheet
     from prooflight.simulation.corpus.designs.vocabulary import Voice
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Ink = tuple[int, int, int, int]
 """C M Y K, 0 = no ink, 255 = full ink."""

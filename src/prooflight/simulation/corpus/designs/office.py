@@ -6,16 +6,13 @@ from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs import charts, graphics, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-from prooflight.simulation.corpus.designs.design_style import Frame
+from prooflight.simulation.corpus.designs.design_style import DesignStyle, Frame
 from prooflight.simulation.corpus.designs.inks import PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
-from prooflight.simulation.corpus.designs.sheet import cells
+from prooflight.simulation.corpus.designs.sheet import Sheet, cells
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
 def _letterhead(sheet: Sheet, rng: np.random.Generator, design: DesignStyle, margin: float) -> float:

@@ -6,20 +6,16 @@ not of the press, so that a picture is the same at whatever resolution its page 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick_weighted, some
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Field = NDArray[np.float32]
-    Scene = Callable[[np.random.Generator, int, int], Field]
+Field = NDArray[np.float32]
+Scene = Callable[[np.random.Generator, int, int], Field]
 
 PIXEL_MM = 0.13
 """Side of a picture pixel, 195 pixels an inch; print handbooks ask for 150 to 300."""

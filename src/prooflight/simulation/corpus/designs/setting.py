@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from prooflight.simulation.corpus.designs.inks import BLACK
-from prooflight.simulation.corpus.designs.sheet import MM_PER_PT
+from prooflight.simulation.corpus.designs.inks import BLACK, Ink
+from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from prooflight.simulation.corpus.designs.faces import Face
-    from prooflight.simulation.corpus.designs.inks import Ink
-    from prooflight.simulation.corpus.designs.sheet import Sheet
 
 _WIDEST_SPACE = 3.0
 """Greatest space of a justified line, in normal spaces; a line that would need more is left ragged."""

@@ -6,21 +6,18 @@ RIP does.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.simulation.corpus.designs.inks import BLACK
+from prooflight.simulation.corpus.designs.inks import BLACK, Ink
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
     from prooflight.simulation.corpus.designs.faces import Face
-    from prooflight.simulation.corpus.designs.inks import Ink
 
 MM_PER_PT = MM_PER_INCH / 72
 _SUBPIXEL_BITS = 4

@@ -6,17 +6,14 @@ from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs import drawings, graphics, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-from prooflight.simulation.corpus.designs.design_style import Frame
+from prooflight.simulation.corpus.designs.design_style import DesignStyle, Frame
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.photographs import PIXEL_MM, clouds, ramp
 from prooflight.simulation.corpus.designs.setting import cut, set_columns, set_paragraph
-from prooflight.simulation.corpus.designs.sheet import cells
+from prooflight.simulation.corpus.designs.sheet import Sheet, cells
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
 def labels(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:

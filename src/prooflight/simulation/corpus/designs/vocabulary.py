@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, pick_weighted, some
 from prooflight.simulation.corpus.designs.faces import Face, OutlineFace, StrokeFace
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 SCRIPTS = {
     "latin": 70.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from reportlab.lib.units import mm
@@ -23,8 +24,6 @@ from prooflight.simulation.corpus.sample_job.sheet import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from prooflight.simulation.corpus.sample_job.copy_text import Chapter
     from prooflight.simulation.corpus.sample_job.inks import Ink
 

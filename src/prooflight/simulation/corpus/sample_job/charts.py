@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.simulation.corpus.sample_job import faces, inks, quay
-from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, column
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from prooflight.simulation.corpus.sample_job.sheet import Sheet
+from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, Sheet, column
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _SEASON = np.array([1.02, 0.98, 1.0, 0.96, 0.92, 0.86, 0.8, 0.78, 0.95, 1.06, 1.16, 1.34])

@@ -10,12 +10,11 @@ from reportlab.graphics.barcode import code128, qrencoder
 from reportlab.lib.units import mm
 
 from prooflight.simulation.corpus.sample_job import faces, inks, quay
-from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, column
+from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, Sheet, column
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.sample_job.sheet import Sheet
 
 COPIES = 6
 VAT_PERCENT = 20

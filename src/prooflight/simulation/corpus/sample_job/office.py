@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from prooflight.simulation.corpus.sample_job import copy_text, faces, inks, quay
-from prooflight.simulation.corpus.sample_job.sheet import BOTTOM_MM, LEFT_MM, RIGHT_MM, column
-
-if TYPE_CHECKING:
-    from prooflight.simulation.corpus.sample_job.sheet import Sheet
+from prooflight.simulation.corpus.sample_job.sheet import BOTTOM_MM, LEFT_MM, RIGHT_MM, Sheet, column
 
 _ROW_MM = 4.3
 _PRICE_EDGES_MM = (LEFT_MM, 36.0, 86.0, 122.0, 134.0, 148.0, 162.0, 176.0, RIGHT_MM)

@@ -20,13 +20,10 @@ coins          Brooklyn Museum, no known copyright restrictions
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 PIXEL_MM = 0.1
 """Side of a picture pixel on paper: 254 dpi. [mm]"""

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.sample_job import faces, inks
-from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, TOP_MM
+from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, TOP_MM, Sheet
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.sample_job.sheet import Sheet
 
 NAME = "Quay Street Roasters"
 ADDRESS = ("11 Quay Street", "Harrowick HK4 2QR")

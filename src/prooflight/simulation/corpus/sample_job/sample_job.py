@@ -5,9 +5,10 @@ Everything in it is DeviceCMYK but for one spot colour.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
@@ -24,10 +25,6 @@ from prooflight.simulation.corpus.sample_job import (
     tints,
 )
 from prooflight.simulation.corpus.sample_job.sheet import Sheet
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import imagecodecs
 import numpy as np
+from numpy.typing import NDArray
 from reportlab.lib.colors import CMYKColor
 from reportlab.lib.units import mm
 from reportlab.pdfbase import pdfdoc
@@ -18,11 +21,6 @@ from prooflight.simulation.corpus.sample_job import faces, inks
 from prooflight.simulation.corpus.sample_job.pictures import PIXEL_MM
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from prooflight.simulation.corpus.sample_job.inks import Ink
 
 

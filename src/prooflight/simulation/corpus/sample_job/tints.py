@@ -6,13 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.simulation.corpus.sample_job import copy_text, faces, inks
 from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, TOP_MM, Sheet, column
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from prooflight.simulation.corpus.sample_job.inks import Ink
 
 _WEDGES: tuple[tuple[str, tuple[float, float, float, float]], ...] = (

@@ -22,7 +22,7 @@ from prooflight.press.pages import job_source
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.files import ScanToFile
-from prooflight_line.run.prepared_designs import PrepareDesign
+from prooflight_line.run.sheet_inspector import PrepareDesign
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -19,8 +19,7 @@ from prooflight.rng import stream
 from prooflight_line.job_queue.hot_folder import OWN, STAGES, HotFolder
 from prooflight_line.job_queue.listing import arriving
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.jobs.deliveries import LATER, SHARES, WHAT, Delivery, deliveries
-from prooflight_studies.jobs.filler import SETTLE_S, WAIT_S
+from prooflight_studies.jobs.deliveries import LATER, SETTLE_S, SHARES, WAIT_S, WHAT, Delivery, deliveries
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -175,7 +174,7 @@ def _send_and_kill(
 
 
 def _started(folder: Path) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-m", "prooflight_studies.jobs.filler", str(folder)])
+    return subprocess.Popen([sys.executable, "-m", "prooflight_studies.jobs.deliveries", str(folder)])
 
 
 def _drained(folder: HotFolder) -> bool:

@@ -25,10 +25,10 @@ from prooflight_studies.visible.findings import (
     GoodPrints,
     caught_of,
     curves_of,
+    draw_curves,
     good_prints,
 )
 from prooflight_studies.visible.marks import HEADLINE, KINDS
-from prooflight_studies.visible.picture import draw_curves
 from prooflight_studies.visible.rig import Camera, built
 from prooflight_studies.visible.rows import (
     FINE,

@@ -11,9 +11,8 @@ from PIL import Image
 from tests.stand_ins import others
 
 from prooflight.errors import RequestError, ScanError
-from prooflight_studies.golden.figures import Outcome, Setting, figures
 from prooflight_studies.golden.pairs import GoldenPair, halves, matched, overlap, read_pairs
-from prooflight_studies.golden.study import analysed, judged, tuned
+from prooflight_studies.golden.study import Outcome, Setting, analysed, figures, judged, tuned
 from prooflight_studies.golden.transforms import CUT_PIXELS, set_off, shifted, transformed, turned, warped
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from prooflight_studies.stress.nuisances import (
     multiplied,
     tilted,
 )
-from prooflight_studies.stress.stressed import stressed
+from prooflight_studies.stress.rows import stressed
 from prooflight_studies.stress.texture import SheetTexture
 
 if TYPE_CHECKING:

@@ -299,7 +299,6 @@ MODULES_MM: Final = {True: (0.25, 0.30, 0.33, 0.40, 0.50), False: (0.35, 0.45, 0
 GS1 allows 0.264 mm on retail and 0.255 to 0.615 mm on Data Matrix and QR codes; smaller ones are common.
 """
 HEIGHT_MM: Final = 14.0
-"""Height of the bars."""
 CELLS: Final = (3, 5)
 """Number of codes across and down a sheet."""
 A4_MM: Final = (210.0, 297.0)
@@ -339,7 +338,6 @@ class Damage:
 
     kind: str
     severity: float
-    """Severity, 0 to 1."""
 
 
 def code_sheet(number: int, *, dpi: float, rng: np.random.Generator) -> tuple[Page, tuple[Placed, ...]]:

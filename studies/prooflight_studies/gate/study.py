@@ -23,8 +23,7 @@ from prooflight_line.journal.journal import Journal
 from prooflight_line.plant.gate.gate import exchange_s
 from prooflight_line.plant.gate.log import LoggedDecisions, PlantError, log_path, rows_of
 from prooflight_line.plant.gate.reconciling import read_trays, reconciled
-from prooflight_studies.gate import browser
-from prooflight_studies.gate.journeys import PACE, journeys
+from prooflight_studies.gate.journeys import PACE, journeys, needed
 from prooflight_studies.gate.picture import draw_handshake, draw_trays
 from prooflight_studies.gate.plan import DISTANCE_MM, LASTS_S, PITCH_MM, SHARES, SHEET_MM, Plan
 from prooflight_studies.gate.plant import run_plant
@@ -79,7 +78,7 @@ def run_gate_study(
     """Measure parts; what other parts had measured stays. Writes gate.md, gate.json and pictures."""
     out.mkdir(parents=True, exist_ok=True)
     if "counts" in parts:
-        browser.needed()
+        needed()
     new: dict[str, Any] = {}
     if "latency" in parts:
         new["latency"] = _latency(cache, seed=seed, quick=quick, progress=progress)

@@ -20,13 +20,15 @@ from prooflight.rng import stream
 from prooflight_studies.golden.pairs import (
     KINDS,
     LEAST_OVERLAP,
+    TRANSFORMS,
+    TUNED_ON,
     GoldenPair,
     halves,
     matched,
     read_pairs,
     touching,
+    transformed_pairs,
 )
-from prooflight_studies.golden.transforms import TRANSFORMS, TUNED_ON, transformed_pairs
 from prooflight_studies.harness.operating import rate_below
 from prooflight_studies.harness.page import write_page
 

@@ -21,8 +21,8 @@ from prooflight_line.journal.records import RunEnd
 from prooflight_line.journal.schema import PREVIOUS, SCHEMA
 from prooflight_line.records.database import upgrade
 from prooflight_line.testing.postgres import local_postgres
-from prooflight_studies.records.presses import run_facts, sheet
 from prooflight_studies.records.searching import RUNS, fill
+from prooflight_studies.records.shipping import run_facts, sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

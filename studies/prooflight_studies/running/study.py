@@ -60,7 +60,6 @@ class Plan:
     prints: int
     """Number of prints of each row in real time, misprints among them."""
     designs: int
-    """Number of repeated designs."""
     different_designs: int
     """Number of designs of the row whose pages are all different."""
     live_sheets: int

@@ -89,7 +89,6 @@ class SoakFigures:
     verdicts: dict[str, int]
     """Number of the sheets that came by verdict, of ``VERDICTS``."""
     paging_ms_per_page: float
-    """CPU time of paging for each page."""
     notes: tuple[str, ...]
     """Errors, one line each."""
 

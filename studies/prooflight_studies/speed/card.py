@@ -72,7 +72,6 @@ class CardFigures:
     compiled_s: float
     """Time of the first analysis, which compiles."""
     pages: int
-    """Number of pages of the job."""
     prints: int
     """Number of prints that were judged by both."""
     misprints: int

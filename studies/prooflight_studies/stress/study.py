@@ -154,7 +154,6 @@ class _Bench:
     """Computation and cache of rows, with all that they depend on; the ranking that judges them is none of it."""
 
     press: Press
-    """Press, untrained."""
     press_file: PressFile
     scatter: Scatter
     """Scatter that its statistics are normalised by."""

@@ -12,7 +12,7 @@ from prooflight_studies.harness.operating import rate_below
 from prooflight_studies.harness.picture import legend_below, new_figure, plain_axes, write_figure
 from prooflight_studies.harness.psychometric import Psychometric
 from prooflight_studies.visible.marks import EVERYWHERE, KINDS
-from prooflight_studies.visible.peers import MEASURES, PEERS
+from prooflight_studies.visible.rows import MEASURES, PEERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -56,7 +56,6 @@ cameras of finer pixels, whose presses take longest to build."""
 COARSE_MM: Final = 0.254
 """Pixel pitch of the presets."""
 PAGES_PER_PIECE: Final = 2
-"""Pages of a piece."""
 DESIGNS_PER_PIECE: Final = 20
 PICTURE: Final = "visible.png"
 

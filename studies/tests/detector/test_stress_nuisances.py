@@ -26,6 +26,7 @@ from prooflight_studies.stress.nuisances import (
     Nuisance,
     Passing,
     PatchyTables,
+    SheetTexture,
     ShowThrough,
     WebWobble,
     finer,
@@ -33,7 +34,6 @@ from prooflight_studies.stress.nuisances import (
     tilted,
 )
 from prooflight_studies.stress.rows import stressed
-from prooflight_studies.stress.texture import SheetTexture
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ from packages.console.tests.consoles import Served, served, write_run
 from packages.line.tests.journal.sample_rows import good, misprint
 
 from prooflight_console.accounts.roles import Role
-from prooflight_console.headers import FIXED
+from prooflight_console.middleware import FIXED
 from prooflight_console.problems import MEDIA_TYPE
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import RunEnd

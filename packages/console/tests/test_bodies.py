@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from prooflight_console.bodies import MOST_BYTES, BoundedBodies
+from prooflight_console.middleware import MOST_BYTES, BoundedBodies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,7 +18,7 @@ from prooflight.detectors.disposition import LEAST_FIRST
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_console.accounts.account_store import LANGUAGES
 from prooflight_console.accounts.roles import Role
-from prooflight_console.headers import POLICY
+from prooflight_console.middleware import POLICY
 from prooflight_console.pages.language import language
 from prooflight_console.pages.shell import environment
 from prooflight_line.journal.journal import Journal

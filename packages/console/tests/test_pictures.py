@@ -33,10 +33,10 @@ from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_
 from prooflight_console.pictures.pictures import tidy
 from prooflight_console.pictures.seen import make_seen
 from prooflight_console.pictures.tiles import UNSEEN_GREY, SheetPicture, aligned, thumbnail
+from prooflight_line.journal.arrays import packed
 from prooflight_line.journal.cuts import Cut
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord
-from prooflight_line.journal.whole import packed
 from prooflight_line.run.outcomes import unknown_sheet
 from prooflight_line.run.sheets.records import Fault, SeenPage
 

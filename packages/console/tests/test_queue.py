@@ -12,7 +12,7 @@ from packages.line.tests.job_queue.test_pairing import ORDER, Filling
 from starlette.requests import ClientDisconnect
 
 from prooflight_console.accounts.roles import Role, Scope
-from prooflight_console.bodies import UPLOADS
+from prooflight_console.middleware import UPLOADS
 from prooflight_line.journal.run_control import RunControl, Starter
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from packages.console.tests.consoles import Served, served
 from schemathesis.specs.openapi import checks as openapi_checks
 
 from prooflight_console.accounts.roles import Role, Scope
-from prooflight_console.openapi import openapi
+from prooflight_console.api.audit import openapi
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -52,7 +52,6 @@ class CameraOffset:
     lines_sd: float
     pixels_sd: float
     tiles: int
-    """Number of tiles used."""
     likeness: float
     """Correlation of the two images at the estimated offset. [-]"""
 

@@ -9,16 +9,13 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight_studies.cameras.away import away_figures
-from prooflight_studies.cameras.deaths import death_figures, taken_figures
+from prooflight_studies.cameras.deaths import away_figures, death_figures, taken_figures
 from prooflight_studies.cameras.job import job_rows
-from prooflight_studies.cameras.losses import loss_figures
+from prooflight_studies.cameras.losses import loss_figures, unseen_rows
 from prooflight_studies.cameras.rig import rig
 from prooflight_studies.cameras.speed import PROTOTYPE_MB_S, RATES_MB_S, speed_rows
 from prooflight_studies.cameras.step import step_figures
-from prooflight_studies.cameras.unseen import unseen_rows
-from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.parts import measure_parts
+from prooflight_studies.harness.page import measure_parts, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable

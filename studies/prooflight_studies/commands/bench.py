@@ -47,8 +47,7 @@ def bench(
     settle_process()  # as processes are that inspect page after page; baselines gain by it too
     rows = timed(press, quick=quick)
     if docs is not None:
-        from prooflight_studies.speed.cores import page_costs
-        from prooflight_studies.speed.picture import write_speed_page
+        from prooflight_studies.speed.picture import page_costs, write_speed_page
 
         write_speed_page(rows, page_costs(press, quick=quick), docs)
     if json:
@@ -73,8 +72,7 @@ def _of_card(job: Path | None, *, prints: int, docs: Path | None, json: bool) ->
 
     refuse_without_card()
     from prooflight_studies.harness.page import plain
-    from prooflight_studies.speed.card import card_figures
-    from prooflight_studies.speed.card_section import card_section, write_card_section
+    from prooflight_studies.speed.card import card_figures, card_section, write_card_section
 
     say = show.steps(quiet=json)
     say("building and training the prototype")

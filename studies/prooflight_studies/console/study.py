@@ -34,8 +34,7 @@ from prooflight_studies.console.serving import (
     session,
     wait_until_it_answers,
 )
-from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.parts import stored_results
+from prooflight_studies.harness.page import stored_results, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable

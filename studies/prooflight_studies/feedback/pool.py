@@ -58,7 +58,6 @@ class PoolPlan:
     misprint_every: int = 4
     """One design in this many is also printed wrong; kinds take turns."""
     training_designs: int = DESIGNS
-    """Number of designs on which the press is trained."""
 
     @classmethod
     def quick(cls, seed: int) -> PoolPlan:

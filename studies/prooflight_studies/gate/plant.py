@@ -39,7 +39,6 @@ class Happened:
     failures: list[tuple[float, Failure]] = field(default_factory=list)
     """When each began. [s]"""
     starts: int = 0
-    """Number of times that the inspection was started."""
     seconds: float = 0.0
     """Duration of the run."""
 

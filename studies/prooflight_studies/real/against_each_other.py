@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 VOID_MM: Final = 0.5
 VOIDS: Final = 4
-"""Voids in a sheet."""
 STREAKS: Final = 2
 STREAK_PIXELS: Final = 3
 STREAK_SHARE: Final = 0.25

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight_line.records.database import RecordsError, connect, upgrade
 from prooflight_line.testing.postgres import LocalPostgres
-from prooflight_studies.records.journals import SHEET_S, write_journal
-from prooflight_studies.records.presses import PressPlan, record_sheets, ship, started
-from prooflight_studies.records.shipping import cut_link
+from prooflight_studies.records.migrating import SHEET_S, write_journal
+from prooflight_studies.records.shipping import PressPlan, cut_link, record_sheets, ship, started
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight import __version__
 from prooflight.rng import stream
-from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.parts import stored_results
+from prooflight_studies.harness.page import stored_results, write_page
 from prooflight_studies.records.backlog import measure_backlog
 from prooflight_studies.records.migrating import measure_migrations
 from prooflight_studies.records.searching import measure_searches

@@ -21,8 +21,14 @@ from prooflight.simulation.worlds import Amounts, worlds_digest
 from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
-from prooflight_studies.registration.results import COLUMNS, draw_errors, register_results
-from prooflight_studies.registration.truth import plane_parts, printed_at, reported_at
+from prooflight_studies.registration.results import (
+    COLUMNS,
+    draw_errors,
+    plane_parts,
+    printed_at,
+    register_results,
+    reported_at,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -30,7 +30,6 @@ class Handed:
     number: str
     what: str
     clause: str
-    """Clause of ISO 32000-2."""
     before: str
     right: Ink | None = None
     """None: the case is not about an ink."""

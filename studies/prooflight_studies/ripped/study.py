@@ -141,7 +141,6 @@ class FalseAlarmResults:
     """World that the press file states in ``[variation]``."""
     promise: float
     pages: int
-    """Pages that were judged."""
     left_out: tuple[str, ...]
     """Pages that no row has, and why."""
     minutes: float

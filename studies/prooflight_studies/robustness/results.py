@@ -31,16 +31,19 @@ from prooflight_studies.harness.paper_detectors import (
     types_of,
 )
 from prooflight_studies.harness.protocol import JUDGED
-from prooflight_studies.robustness.disturbances import NOTHING, SIZES, Disturbance, all_disturbances
 from prooflight_studies.robustness.rows import (
     DIFFERENCE,
+    NOTHING,
     SHARE_AS_PRINTED,
     SHARE_KEPT,
     SHARE_LEARNED,
     SIDES,
+    SIZES,
     SSIM,
     VARIATION_KEPT,
     VARIATION_LEARNED,
+    Disturbance,
+    all_disturbances,
 )
 
 if TYPE_CHECKING:

@@ -155,7 +155,6 @@ class Ring:
     scans: list[NDArray[np.uint16]]
     pages: tuple[Page, ...]
     sheets: int = 1
-    """Number of sheets that are played."""
     repeated: bool
     """Whether sheets of one page are one design; False: every sheet is new to the inspection."""
     wrong: frozenset[int] = frozenset()

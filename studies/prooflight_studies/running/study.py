@@ -24,8 +24,7 @@ from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
 from prooflight_line.run.settings import DEADLINE_S
-from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.parts import measure_parts, stored_results
+from prooflight_studies.harness.page import measure_parts, stored_results, write_page
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
 from prooflight_studies.running.live import live_row
 from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, ring
@@ -61,7 +60,6 @@ class Plan:
     prints: int
     """Number of prints of each row in real time, misprints among them."""
     designs: int
-    """Number of repeated designs."""
     different_designs: int
     """Number of designs of the row whose pages are all different."""
     live_sheets: int

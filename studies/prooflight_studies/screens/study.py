@@ -17,8 +17,7 @@ from prooflight.cli.jobs.demonstration import SAMPLE_SIZE_MM, demo_press, sample
 from prooflight.errors import RequestError
 from prooflight.files.atomic import whole_file
 from prooflight_studies.console.listeners import CHROMIUM, COOKIE, FLAGS
-from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.parts import stored_results
+from prooflight_studies.harness.page import stored_results, write_page
 from prooflight_studies.screens.contact_sheets import MOST_PX, as_png, contact_sheet
 from prooflight_studies.screens.paper_report import report_picture
 from prooflight_studies.screens.press_floor import GOING, Floor, press_floor

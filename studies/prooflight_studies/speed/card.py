@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from statistics import median
@@ -14,21 +15,26 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card.designs import Designs
 from prooflight.detectors.matched_filter.card.images import engine_on
+from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
+from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.kernels.gpu.runners import Card, Pool, launched
+from prooflight.pages.parallel import in_order
 from prooflight.pages.process import settle_process
 from prooflight.press.pages import open_job
 from prooflight.rng import stream
-from prooflight.simulation.scans import scan_page
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import session_of
 from prooflight_line.run.inspection_workers import THREADS_A_WORKER, InspectionWorkers, worker_count
 from prooflight_line.run.sheet_inspector import SheetInspector
-from prooflight_studies.speed.card_compared import judged_by_both, with_inspector
+from prooflight_studies.harness.page import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -36,11 +42,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Prepared
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.session import Session
-    from prooflight_studies.speed.card_compared import Compared
 
 REPEATS: Final = 20
 IN_FLIGHT: Final = (1, 2, 4, 8)
@@ -66,7 +72,6 @@ class CardFigures:
     compiled_s: float
     """Time of the first analysis, which compiles."""
     pages: int
-    """Number of pages of the job."""
     prints: int
     """Number of prints that were judged by both."""
     misprints: int
@@ -300,3 +305,209 @@ def _rates(
         return dict(sorted(rates.items()))
     finally:
         workers.close()
+
+
+# --- the section of docs/performance.md ---
+
+HEADING: Final = "\n## On a graphics card\n"
+STORED: Final = "performance-card.json"
+RATES: Final = """
+Whole inspections a second by the worker processes of a run, with two threads each:
+
+| workers | images on the card | all on the processor |
+|---:|---:|---:|
+"""
+
+
+def write_card_section(figures: CardFigures, folder: Path) -> None:
+    """Store the figures beside ``performance.md`` and put the section at its end."""
+    text = json.dumps(plain(figures), indent=1, allow_nan=False)
+    (folder / STORED).write_text(text + "\n", encoding="utf-8")
+    add_card_section(folder)
+
+
+def add_card_section(folder: Path) -> None:
+    """Put the section of stored figures at the end of ``performance.md``; without any, nothing changes."""
+    if not (folder / STORED).is_file():
+        return
+    page = folder / "performance.md"
+    before = page.read_text(encoding="utf-8").split(HEADING)[0]
+    figures = json.loads((folder / STORED).read_text(encoding="utf-8"))
+    page.write_text(before + card_section(figures), encoding="utf-8")
+
+
+def card_section(figures: dict[str, Any]) -> str:
+    """Return the section's text."""
+    of = figures
+    flights = ", ".join(f"{rate:,.0f} with {count}" for count, rate in of["in_flight"].items())
+    rows = "".join(
+        f"| {workers} | {rate:.1f} | {of['cpu_per_s'][workers]:.1f} |\n"
+        for workers, rate in of["gpu_per_s"].items()
+    )
+    rates = RATES + rows if rows else ""
+    middle, most_95, most_99, most = of["score_off"]
+    differing = "".join(
+        f"\n\n- {one['page']}, {one['misprint'] or 'good'}: {one['cpu']} (score {one['cpu_score']:.2f}) "
+        f"on the processor, {one['gpu']} ({one['gpu_score']:.2f}) on the card"
+        for one in of["differing"]
+    )
+    return f"""{HEADING}
+`prooflight bench --device gpu --docs docs` writes this section. Card: {of["card"]}, numba-cuda {of["numba_cuda"]};
+{of["host_cores"]} cores; scans of {of["camera_mpx"]:.2f} Mpx.
+
+Of {of["prints"]:,} prints of {of["pages"]} pages of the sample job ({of["misprints"]:,} misprinted)
+{len(of["differing"])} had another verdict on the card than on the processor, and {of["other_kinds"]} were misprints of
+another kind. Scores differed by {middle:.3f} (median), by at most {most_95:.2f} on 95 of 100 prints, {most_99:.2f} on
+99 of 100 and {most:.2f} on all; the threshold is {of["threshold"]:.2f}.{differing}
+
+A sheet takes {of["sheet_ms"]:.2f} ms on the card, {of["upload_ms"]:.2f} ms of it to send the scan. Sheets a second
+with so many on it at once: {flights}. The first inspection takes {of["compiled_s"]:.0f} s: the card's code is compiled.
+
+An inspection takes {of["gpu_cpu_s"]:.3f} s of processor time with its images on the card, {of["cpu_cpu_s"]:.3f} s
+without: registration, fringes, marks, glyphs and statistics remain on the processor.
+{rates}"""
+
+
+# --- prints judged on the processor and on the card ---
+
+A_PART: Final = 16
+"""Prints of one page that are judged one after the other, once its design is prepared."""
+OTHERS: Final = 3
+"""Number of other pages that may come in a page's place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compared:
+    """One scan, judged on the processor and on the card."""
+
+    page: str
+    misprint: str
+    """Kind that was printed; "": a good print."""
+    cpu: str
+    """Verdict, and kind of misprint."""
+    gpu: str
+    cpu_score: float
+    gpu_score: float
+    statistics_off: float
+    """Greatest difference of a statistic, in standard deviations of good prints."""
+
+    @property
+    def score_off(self) -> float:
+        """Difference of the scores."""
+        return abs(self.cpu_score - self.gpu_score)
+
+    @property
+    def differs(self) -> bool:
+        """Whether one alarms and the other does not, or one is not inspected."""
+        return self.cpu.partition(" ")[0] != self.gpu.partition(" ")[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgePart:
+    """Prints of one page, each judged by both."""
+
+    job: Path
+    press: Press
+    seed: int
+
+    def __call__(self, part: tuple[int, int, int]) -> list[Compared]:
+        """Return the judgements of a page's prints.
+
+        part: number of the page, from 1; number of its first print; number of prints.
+        """
+        number, first, count = part
+        inspector = Inspector.of(self.press, "matched_filter").with_threads(1)
+        card, session = inspector.on("gpu"), session_of(self.press, self.seed)
+        with open_job(self.job, self.press) as opened:
+
+            def laid(number: int) -> Page:
+                return self.press.geometry.lay(opened.page(number))
+
+            others = tuple(1 + (number + step) % len(opened) for step in range(OTHERS))
+            page = laid(number)
+            design = inspector.prepare(page)
+            on_card, compared = with_inspector(design, card), list[Compared]()
+            for turn in range(first, first + count):
+                # Every third print is a misprint, of another kind each.
+                kind = KINDS[(number + turn // 3) % len(KINDS)] if turn % 3 == 2 else ""
+                try:
+                    scan = scan_page(
+                        page,
+                        press=self.press,
+                        request=MisprintRequest(kind=kind) if kind else None,
+                        others=others,
+                        fetch=laid,
+                        rng=stream(self.seed, "card-print", turn, number),
+                        session=session,
+                    ).dn
+                except RequestError:  # a page without cyan cannot lack it
+                    continue
+                compared.append(_compared(kind, inspector, design, card, on_card, scan))
+        return compared
+
+
+def judged_by_both(
+    job: Path,
+    press: Press,
+    *,
+    pages: int,
+    prints: int,
+    seed: int,
+    processes: int,
+    say: Callable[[str], None],
+) -> list[Compared]:
+    """Return some ``prints`` of a job's pages judged on the processor and on the card."""
+    each = -(-prints // pages)
+    parts = [
+        (number, first, min(A_PART, each - first))
+        for first in range(0, each, A_PART)
+        for number in range(1, pages + 1)
+    ]
+    work, compared = JudgePart(job=job, press=press, seed=seed), list[Compared]()
+    for turn, done in enumerate(in_order(work, parts, processes=processes)):
+        compared += done
+        say(f"{len(compared)} of {prints} prints judged by both, {turn + 1} of {len(parts)} parts")
+    return compared
+
+
+def with_inspector(prepared: Prepared, inspector: Inspector) -> Prepared:
+    """Return a prepared page for another inspector of the same press."""
+    detector_page, detector = prepared.prepared_page, inspector.detector
+    assert isinstance(detector_page, MatchedFilterPage)
+    assert isinstance(detector, MatchedFilterDetector)
+    return replace(prepared, prepared_page=replace(detector_page, detector=detector))
+
+
+def _compared(
+    kind: str,
+    inspector: Inspector,
+    prepared: Prepared,
+    card: Inspector,
+    on_card: Prepared,
+    scan: NDArray[np.uint16],
+) -> Compared:
+    one, other = inspector.inspect(prepared, scan), card.inspect(on_card, scan)
+    scores = [
+        inspector.detector.decided_again(StoredArrays(each.stored_arrays, inspector.detector.name)).score
+        for each in (one, other)
+    ]
+    detector_page: Any = prepared.prepared_page
+    features = one.stored_arrays["page_features"][None]
+    deviations = [
+        detector_page.model.deviations(each.stored_arrays["values"][None], features)[0]
+        for each in (one, other)
+    ]
+    off = np.abs(deviations[0] - deviations[1])
+    return Compared(
+        page=prepared.page.name,
+        misprint=kind,
+        cpu=_verdict(one),
+        gpu=_verdict(other),
+        cpu_score=float(scores[0]),
+        gpu_score=float(scores[1]),
+        statistics_off=float(off[np.isfinite(off)].max(initial=0.0)),
+    )
+
+
+def _verdict(inspection: Inspection) -> str:
+    return f"{inspection.verdict.verdict} {inspection.verdict.kind or ''}".strip()

@@ -12,7 +12,7 @@ import numpy as np
 from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.detectors.paper.evidence import gather, interval_edges
 from prooflight.kernels.compiled import kernel
-from prooflight_studies.harness.error_map import normalised_error
+from prooflight_studies.harness.measures import normalised_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

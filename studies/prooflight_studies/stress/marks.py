@@ -23,8 +23,7 @@ from prooflight.simulation.misprints.drawing import (
     Box,
     rewrite,
 )
-from prooflight_studies.stress.nuisances import Percent
-from prooflight_studies.stress.texture import SheetTexture
+from prooflight_studies.stress.nuisances import Percent, SheetTexture
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -59,7 +58,6 @@ class Drawn:
     """A page with a misprint."""
 
     page: Page
-    """The page that is printed."""
     regions_mm: tuple[Region, ...]
     """x, y, width, height of each region concerned; the whole page where all of it is. [mm]"""
     variant: str = ""

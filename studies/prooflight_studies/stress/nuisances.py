@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import cv2
 import numpy as np
@@ -22,8 +22,8 @@ from prooflight.prediction.predict import predict
 from prooflight.prediction.sampling_grid import NODE_PITCH
 from prooflight.press.press_file import PressFile
 from prooflight.scans.placement import Warp
+from prooflight.simulation.fields import smooth_field
 from prooflight.simulation.worlds import RANGES
-from prooflight_studies.stress.texture import SheetTexture
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -419,3 +419,47 @@ def _light_taken(press: Press, page: Page, blur_mm: float) -> NDArray[np.float32
 
 def _on(page: Page, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (x_mm >= 0) & (x_mm < page.width_mm) & (y_mm >= 0) & (y_mm < page.height_mm)
+
+
+# --- texture of a sheet ---
+
+NODES_A_GRAIN: Final = 6
+"""Nodes of the field per grain; a cubic through these omits less than 0.1 % of the field's variance."""
+REACH_NODES: Final = 2
+"""Nodes beyond the page that a cubic needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SheetTexture:
+    """A field over a page, of mean 0 and standard deviation 1 everywhere."""
+
+    nodes: NDArray[np.float32]
+    """Values at nodes ``pitch_mm`` apart, (rows, columns); the first is ``REACH_NODES`` beyond the page's corner.
+    [-]
+    """
+    pitch_mm: float
+
+    @classmethod
+    def draw(cls, page: Page, grain_mm: float, rng: np.random.Generator) -> Self:
+        """Draw a field.
+
+        grain_mm: full width at half maximum of the correlation, exp(-(d / l)^2) at a distance d. [mm]
+        """
+        pitch_mm = grain_mm / NODES_A_GRAIN
+        rows, columns = (
+            int(extent / pitch_mm) + 2 + 2 * REACH_NODES for extent in (page.height_mm, page.width_mm)
+        )
+        length_mm = grain_mm / (2 * np.sqrt(np.log(2)))
+        nodes = smooth_field(rows, columns, pitch_mm=pitch_mm, length_mm=length_mm, rng=rng)
+        return cls(nodes=nodes.astype(np.float32), pitch_mm=pitch_mm)
+
+    def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Interpolate at points of the page, two arrays (rows, columns) -> (rows, columns).
+
+        The field is mirrored beyond the nodes.
+        """
+        column, row = ((each / self.pitch_mm + REACH_NODES).astype(np.float32) for each in (x_mm, y_mm))
+        values: NDArray[np.float32] = cv2.remap(
+            self.nodes, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
+        )
+        return values

@@ -34,8 +34,7 @@ from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import DETECTION
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight_studies.stress.given import load_stress
-from prooflight_studies.stress.rows import StressWork
+from prooflight_studies.stress.rows import StressWork, load_stress
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.corpus import Designs
     from prooflight_studies.harness.folder import Folder
     from prooflight_studies.harness.result_cache import Rows
-    from prooflight_studies.stress.given import Stress
+    from prooflight_studies.stress.rows import Stress
 
 SCENE, REAL_SCENE = 60, 61
 BUILD_SEED: Final = 90_001
@@ -155,7 +154,6 @@ class _Bench:
     """Computation and cache of rows, with all that they depend on; the ranking that judges them is none of it."""
 
     press: Press
-    """Press, untrained."""
     press_file: PressFile
     scatter: Scatter
     """Scatter that its statistics are normalised by."""

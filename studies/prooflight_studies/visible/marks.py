@@ -235,12 +235,15 @@ class Kind:
     levels: tuple[float, float]
     """The least and the greatest that is printed."""
     places: tuple[str, ...]
-    takes: bool
-    """Whether it takes ink away, so that it needs some."""
-    extent_mm: tuple[float, float]
+    extent_mm: tuple[float, float] = (0.0, 0.0)
     """Width and height of it that lie within its place."""
-    draw: Callable[[Page, Point, float, bool, np.random.Generator], Page] | None
+    draw: Callable[[Page, Point, float, bool, np.random.Generator], Page] | None = None
     """Takes page, place, level and whether it is at the border; None: the page is composed with another letter."""
+
+    @property
+    def takes(self) -> bool:
+        """Whether it takes ink away, so that it needs some: no such mark is possible on bare paper."""
+        return "paper" not in self.places
 
 
 INKED: Final = ("tint", "photo", "text", "border")
@@ -251,8 +254,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="mm",
         levels=(0.2, 3.2),
         places=EVERYWHERE,
-        takes=False,
-        extent_mm=(0.0, 0.0),
         draw=lambda page, at, level, _, rng: spot(page, at, diameter_mm=level, rng=rng),
     ),
     "void": Kind(
@@ -260,8 +261,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="mm",
         levels=(0.2, 3.2),
         places=INKED,
-        takes=True,
-        extent_mm=(0.0, 0.0),
         draw=lambda page, at, level, _, rng: spot(
             page, at, diameter_mm=level, rng=rng, inks=ALL_INKS, share=1.0, towards=NO_INK
         ),
@@ -271,7 +270,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="mm",
         levels=(1.0, 20.0),
         places=EVERYWHERE,
-        takes=False,
         extent_mm=(10.0, 10.0),
         draw=lambda page, at, level, border, rng: hair(page, at, length_mm=level, rng=rng, border=border),
     ),
@@ -280,7 +278,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="mm",
         levels=(1.0, 20.0),
         places=INKED,
-        takes=True,
         extent_mm=(10.0, 10.0),
         draw=lambda page, at, level, border, rng: scratch(page, at, length_mm=level, rng=rng, border=border),
     ),
@@ -289,7 +286,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="%",
         levels=(2.0, 80.0),
         places=EVERYWHERE,
-        takes=False,
         extent_mm=STREAK_MM,
         draw=lambda page, at, level, _, rng: patch(
             page, at, STREAK_MM, share=level / 100, rng=rng, inks=BLACK, towards=FULL
@@ -300,7 +296,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="%",
         levels=(2.0, 80.0),
         places=INKED,
-        takes=True,
         extent_mm=BAND_MM,
         draw=lambda page, at, level, _, rng: patch(page, at, BAND_MM, share=level / 100, rng=rng),
     ),
@@ -309,7 +304,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="%",
         levels=(1.0, 40.0),
         places=EVERYWHERE,
-        takes=False,
         extent_mm=SMEAR_MM,
         draw=lambda page, at, level, _, rng: patch(
             page, at, SMEAR_MM, share=level / 100, rng=rng, inks=BLACK, towards=FULL, edge_mm=SMEAR_EDGE_MM
@@ -320,7 +314,6 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="%",
         levels=(2.0, 80.0),
         places=INKED,
-        takes=True,
         extent_mm=AREA_MM,
         draw=lambda page, at, level, _, rng: patch(page, at, AREA_MM, share=level / 100, rng=rng),
     ),
@@ -329,28 +322,11 @@ KINDS: Final[Mapping[str, Kind]] = {
         unit="mm",
         levels=(0.04, 0.8),
         places=("photo", "text"),
-        takes=True,
         extent_mm=AREA_MM,
         draw=lambda page, at, level, _, rng: blurred(page, at, sigma_mm=level, rng=rng),
     ),
-    "wrong glyph": Kind(
-        what="another letter; size of type",
-        unit="pt",
-        levels=(4.0, 16.0),
-        places=("text",),
-        takes=True,
-        extent_mm=(0.0, 0.0),
-        draw=None,
-    ),
-    "missing glyph": Kind(
-        what="no letter; size of type",
-        unit="pt",
-        levels=(4.0, 16.0),
-        places=("text",),
-        takes=True,
-        extent_mm=(0.0, 0.0),
-        draw=None,
-    ),
+    "wrong glyph": Kind(what="another letter; size of type", unit="pt", levels=(4.0, 16.0), places=("text",)),
+    "missing glyph": Kind(what="no letter; size of type", unit="pt", levels=(4.0, 16.0), places=("text",)),
 }
 
 

@@ -25,10 +25,10 @@ from prooflight_studies.visible.findings import (
     GoodPrints,
     caught_of,
     curves_of,
+    draw_curves,
     good_prints,
 )
 from prooflight_studies.visible.marks import HEADLINE, KINDS
-from prooflight_studies.visible.picture import draw_curves
 from prooflight_studies.visible.rig import Camera, built
 from prooflight_studies.visible.rows import (
     FINE,
@@ -56,7 +56,6 @@ cameras of finer pixels, whose presses take longest to build."""
 COARSE_MM: Final = 0.254
 """Pixel pitch of the presets."""
 PAGES_PER_PIECE: Final = 2
-"""Pages of a piece."""
 DESIGNS_PER_PIECE: Final = 20
 PICTURE: Final = "visible.png"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,7 +12,7 @@ import numpy as np
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
-from prooflight.commissioning.zones.defects import SORTS, Area, areas_of
+from prooflight.commissioning.zones.defects import DARK, SORTS, STREAK_MM, Area, areas_of, disc
 from prooflight.commissioning.zones.price import PRINTS, TRIALS, ZonePrints, price_of
 from prooflight.detectors.registry import detector
 from prooflight.pages.files import write_tiff
@@ -20,21 +20,22 @@ from prooflight.pages.job import JobSource
 from prooflight.pages.parallel import in_order
 from prooflight.pages.raster import Page
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+from prooflight.prediction.predict import expected_light
 from prooflight.press.pages import job_source
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.zones.defects import printed_with
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection
     from prooflight.detectors.optional import ZonePricing
     from prooflight.pages.zones.zone import Kind
+    from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
 
 PIXELS: Final = 400
@@ -433,3 +434,67 @@ def _medians(rows: list[dict[str, Any]]) -> dict[str, Any]:
     figures["better"] = round(float(np.median(both)), 2) if both else None
     figures["compared"] = len(both)
     return figures
+
+
+# --- defects drawn into the page's raster, before press and camera ---
+
+
+def printed_with(
+    page: Page,
+    sort: str,
+    strength: float,
+    area: Area,
+    *,
+    sensors: Sequence[SensorModel],
+    rng: np.random.Generator,
+) -> Page | None:
+    """Return a page with a defect of ``SORTS`` somewhere in an area; None: the area has no pixel on the page.
+
+    sensors: of the camera, whose signal decides where a print is dark.
+    """
+    rows, columns = page.cmyk.shape[:2]
+    x, y = ((np.arange(count) + 0.5) * page.pixel_mm for count in (columns, rows))
+    of_area = area.holds(x, y)
+    down, across = np.nonzero(of_area)
+    if not down.size:
+        return None
+    at = int(rng.integers(down.size))
+    x0, y0 = np.array([x[across[at]], y[down[at]]]) + rng.uniform(-0.5, 0.5, 2) * page.pixel_mm
+    if sort == "density":
+        share = of_area * (strength / 100)
+    elif sort == "spot":
+        distance = np.hypot(x - x0, (y - y0)[:, None])
+        share = disc(distance, diameter_mm=strength, pixel_mm=page.pixel_mm)
+    else:
+        share = of_area * (np.abs(x - x0) <= STREAK_MM / 2) * (strength / 100)
+    ink = page.cmyk.astype(np.float64)
+    if sort == "density" or _dark(page.cmyk[share > 0], sensors):
+        ink *= 1 - share[..., None]
+    elif sort == "spot":
+        here = share > 0
+        ink[here, 3] = _black(page.cmyk[here], share[here], sensors[0])
+    else:  # on top of the other inks: a hole in them would show white beside it where planes are out of register
+        ink[..., 3] += share * (255 - ink[..., 3])
+    # Tints keep their mean: a loss of 1 % of a tint is less than a step.
+    cmyk = np.floor(ink + rng.random(ink.shape)).clip(0, 255).astype(np.uint8)
+    cmyk[share == 0] = page.cmyk[share == 0]
+    return replace(page, cmyk=cmyk)
+
+
+def _black(cmyk: NDArray[np.uint8], share: NDArray[np.floating], sensor: SensorModel) -> NDArray[np.float64]:
+    """Return the black ink for a share of the darkening by solid black on each pixel.
+
+    cmyk (pixels, 4); share and the result (pixels,).
+    """
+    black = np.repeat(cmyk[:, None], 256, axis=1)
+    black[..., 3] = np.arange(256)
+    light = expected_light(black.reshape(-1, 4), sensor)[0].reshape(-1, 256)
+    bare = expected_light(cmyk, sensor)[0]
+    wanted = bare + share * (light[:, -1] - bare)
+    return np.abs(light - wanted[:, None]).argmin(axis=1).astype(np.float64)
+
+
+def _dark(cmyk: NDArray[np.uint8], sensors: Sequence[SensorModel]) -> bool:
+    """Return whether pixels (pixels, 4) give the camera less than ``DARK`` of the paper's signal."""
+    seen = [expected_light(cmyk, sensor)[0].mean() / sensor.white_dn for sensor in sensors]
+    return bool(np.mean(seen) < DARK)

@@ -11,15 +11,25 @@ from PIL import Image
 from tests.stand_ins import others
 
 from prooflight.errors import RequestError, ScanError
-from prooflight_studies.golden.figures import Outcome, Setting, figures
-from prooflight_studies.golden.pairs import GoldenPair, halves, matched, overlap, read_pairs
-from prooflight_studies.golden.study import analysed, judged, tuned
-from prooflight_studies.golden.transforms import CUT_PIXELS, set_off, shifted, transformed, turned, warped
+from prooflight_studies.golden.pairs import (
+    CUT_PIXELS,
+    GoldenPair,
+    halves,
+    matched,
+    overlap,
+    read_pairs,
+    set_off,
+    shifted,
+    transformed,
+    turned,
+    warped,
+)
+from prooflight_studies.golden.study import Outcome, Setting, analysed, figures, judged, tuned
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight_studies.golden.transforms import Field
+    from prooflight_studies.golden.pairs import Field
 
 SETTING = Setting(edge_pixels=2.0, joining_pixels=4, least_volume=6.0, margin_pixels=10)
 

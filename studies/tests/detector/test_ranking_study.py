@@ -14,7 +14,7 @@ from prooflight.detectors.matched_filter.shipped import ShippedRanking
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.rng import stream
 from prooflight_studies.ranking import study
-from prooflight_studies.ranking.rows import Lesson, RankingPlan
+from prooflight_studies.ranking.study import Lesson, RankingPlan
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from prooflight.errors import RequestError
-from prooflight_studies.stress.given import load_stress
 from prooflight_studies.stress.marks import MARKS
 from prooflight_studies.stress.nuisances import NUISANCES
+from prooflight_studies.stress.rows import load_stress
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -26,14 +26,14 @@ from prooflight_studies.stress.nuisances import (
     Nuisance,
     Passing,
     PatchyTables,
+    SheetTexture,
     ShowThrough,
     WebWobble,
     finer,
     multiplied,
     tilted,
 )
-from prooflight_studies.stress.stressed import stressed
-from prooflight_studies.stress.texture import SheetTexture
+from prooflight_studies.stress.rows import stressed
 
 if TYPE_CHECKING:
     from collections.abc import Callable

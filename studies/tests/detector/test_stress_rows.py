@@ -13,10 +13,9 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import Scatte
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.print_statistics import Scene, StatisticsWork
 from prooflight_studies.harness.protocol import Day
-from prooflight_studies.stress.given import Stress
 from prooflight_studies.stress.marks import GlyphExchanged, Hair
 from prooflight_studies.stress.nuisances import DeadColumn, ShowThrough
-from prooflight_studies.stress.rows import StressWork
+from prooflight_studies.stress.rows import Stress, StressWork
 
 if TYPE_CHECKING:
     from collections.abc import Callable

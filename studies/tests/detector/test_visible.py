@@ -18,9 +18,15 @@ from prooflight.scans.placement import Placement
 from prooflight_studies.commands.marks import visible
 from prooflight_studies.harness.psychometric import Psychometric
 from prooflight_studies.visible import findings, marks, rig, study
-from prooflight_studies.visible.peers import MEASURES, PageVariation, in_place, local_difference
 from prooflight_studies.visible.rig import Camera
-from prooflight_studies.visible.rows import TABLE, CurveWork
+from prooflight_studies.visible.rows import (
+    MEASURES,
+    TABLE,
+    CurveWork,
+    PageVariation,
+    in_place,
+    local_difference,
+)
 from prooflight_studies.visible.sheets import (
     AREAS_MM,
     CLEAR_MM,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from prooflight_studies.speed.card_compared import Compared
-from prooflight_studies.speed.card_section import card_section
+from prooflight_studies.speed.card import Compared, card_section
 
 FIGURES = {
     "card": "gpu: made up",

@@ -1,6 +1,6 @@
 import numpy as np
 
-from prooflight_studies.harness.error_map import normalised_error
+from prooflight_studies.harness.measures import normalised_error
 
 
 def test_equation_2() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from prooflight.detectors.paper.bayes import window_statistics, window_unit
-from prooflight_studies.harness.error_map import window_means
+from prooflight_studies.harness.measures import window_means
 
 
 @given(

@@ -15,8 +15,14 @@ from prooflight.detectors.paper.evidence import INTERVALS
 from prooflight.prediction.predict import predict
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
-from prooflight_studies.harness.error_map import window_means
-from prooflight_studies.harness.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
+from prooflight_studies.harness.measures import (
+    FIRST_SHARE,
+    MEAN,
+    MINIMUM,
+    WINDOWS,
+    window_means,
+    window_numbers,
+)
 from prooflight_studies.harness.protocol import (
     SETS,
     PilotWork,

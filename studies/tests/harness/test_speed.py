@@ -11,9 +11,8 @@ from PIL import Image
 from prooflight.kernels.compiled import kernel
 from prooflight.prediction.predict import expected_light
 from prooflight_studies.speed import study as speed
-from prooflight_studies.speed.cores import counted, page_cost, page_costs
-from prooflight_studies.speed.device_profile import LAB_WHITE, cmyk_to_lab
-from prooflight_studies.speed.picture import PICTURE, write_speed_page
+from prooflight_studies.speed.picture import PICTURE, counted, page_cost, page_costs, write_speed_page
+from prooflight_studies.speed.study import LAB_WHITE, cmyk_to_lab
 
 if TYPE_CHECKING:
     from pathlib import Path

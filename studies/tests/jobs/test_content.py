@@ -7,10 +7,8 @@ import pytest
 import zxingcpp
 
 from prooflight.rng import stream
-from prooflight_studies.content.numbers import text_results
-from prooflight_studies.content.sheets import DAMAGES, Damage, code_sheet, damaged
-from prooflight_studies.content.study import Cost, Row, _results
-from prooflight_studies.content.text_sheets import POINTS, WRONGS, text_sheet, with_wrong_digit
+from prooflight_studies.content.numbers import POINTS, WRONGS, text_results, text_sheet, with_wrong_digit
+from prooflight_studies.content.study import DAMAGES, Cost, Damage, Row, _results, code_sheet, damaged
 from prooflight_studies.harness.page import page_text, plain
 
 DPI = 482.0

@@ -13,8 +13,7 @@ pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 from prooflight.errors import RequestError
 from prooflight_studies.rip.cases import CASES, case_pdf
 from prooflight_studies.rip.handed import HANDED, handed_rows
-from prooflight_studies.rip.pages import difference, page_row
-from prooflight_studies.rip.study import is_right, middle_of_prooflight, run_rip_study
+from prooflight_studies.rip.study import difference, is_right, middle_of_prooflight, page_row, run_rip_study
 
 HANDED_PDFS = Path(__file__).resolve().parents[3] / ".." / "shared" / "pdf_cases"
 needs_ghostscript = pytest.mark.skipif(shutil.which("gs") is None, reason="Ghostscript is not installed")

@@ -15,7 +15,6 @@ from prooflight.pages.zones.zones_file import JobZones
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight_studies.harness.page import page_text, plain
-from prooflight_studies.zones.defects import printed_with
 from prooflight_studies.zones.study import (
     PAGE_MM,
     STRONG,
@@ -24,6 +23,7 @@ from prooflight_studies.zones.study import (
     Tally,
     _near,
     _within,
+    printed_with,
     zones_of,
     zones_results,
 )

@@ -21,7 +21,6 @@ from prooflight_studies.harness.paper_detectors import (
     types_of,
 )
 from prooflight_studies.harness.protocol import Plan
-from prooflight_studies.paper.plots import draw_costs, draw_roc
 from prooflight_studies.paper.results import (
     ALPHAS,
     AS_IT_IS,
@@ -32,7 +31,7 @@ from prooflight_studies.paper.results import (
     paper_results,
     world_result,
 )
-from prooflight_studies.paper.study import at_pitch, paper_plans
+from prooflight_studies.paper.study import at_pitch, draw_costs, draw_roc, paper_plans
 
 if TYPE_CHECKING:
     from pathlib import Path

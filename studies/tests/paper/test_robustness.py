@@ -18,14 +18,6 @@ from prooflight.press.press_file import PressFile
 from prooflight.scans.placement import IN_PLACE
 from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.harness.protocol import Plan
-from prooflight_studies.robustness.disturbances import (
-    NOTHING,
-    SIZES,
-    Disturbance,
-    all_disturbances,
-    noisy_sensors,
-)
-from prooflight_studies.robustness.plots import draw_robustness
 from prooflight_studies.robustness.results import (
     CHI_SQUARE,
     PRINTED,
@@ -36,8 +28,17 @@ from prooflight_studies.robustness.results import (
     pearson_under,
     robustness_result,
 )
-from prooflight_studies.robustness.rows import LearnGood, WatchWrong, learned
-from prooflight_studies.robustness.study import robustness_plans
+from prooflight_studies.robustness.rows import (
+    NOTHING,
+    SIZES,
+    Disturbance,
+    LearnGood,
+    WatchWrong,
+    all_disturbances,
+    learned,
+    noisy_sensors,
+)
+from prooflight_studies.robustness.study import draw_robustness, robustness_plans
 
 if TYPE_CHECKING:
     from collections.abc import Callable

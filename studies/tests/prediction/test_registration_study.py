@@ -14,9 +14,8 @@ from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
 from prooflight_studies.registration import study
-from prooflight_studies.registration.results import COLUMNS
+from prooflight_studies.registration.results import COLUMNS, plane_parts, printed_at, reported_at
 from prooflight_studies.registration.study import FindDesign, Task
-from prooflight_studies.registration.truth import plane_parts, printed_at, reported_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable

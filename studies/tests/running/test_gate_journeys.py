@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from prooflight_line.plant.gate.registers import MAP_ID, Result, packed, unpacked_of_plc
-from prooflight_studies.gate import browser, independent_plc
+from prooflight_studies.gate import independent_plc
 from prooflight_studies.gate.independent_plc import Controller
-from prooflight_studies.gate.journeys import journeys
+from prooflight_studies.gate.journeys import CHROMIUM, journeys
 
 SHEET = {"serial": 1, "front_mm": 0.0, "slip_mm": 0.0, "under": 0}
 FIRST, DISTANCE_MM = 2**32 - 100, 1000.0
@@ -97,8 +97,8 @@ def test_what_was_told_is_forgotten_where_the_heartbeat_stands_still_or_the_powe
 
 def test_every_count_is_that_of_the_trays_in_a_run_with_faults(tmp_path: Path) -> None:
     pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    if not browser.CHROMIUM.exists():
-        pytest.skip(f"no {browser.CHROMIUM}: apt install chromium")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no {CHROMIUM}: apt install chromium")
     rows = list(journeys(tmp_path, seeds=[3], sheets=40, progress=lambda _text: None))
     assert [row["killed"] for row in rows] == [True, False]
     assert [line for row in rows for line in row["differs"]] == []

@@ -10,10 +10,9 @@ import pytest
 from scipy.stats import genpareto
 
 from prooflight.cli import run
-from prooflight_studies.gate import tail
+from prooflight_studies.gate import study
 from prooflight_studies.gate.plan import LASTS_S, Plan
-from prooflight_studies.gate.study import run_gate_study
-from prooflight_studies.gate.tail import MISS, distance_mm, fitted
+from prooflight_studies.gate.study import MISS, distance_mm, fitted, run_gate_study
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,7 +65,7 @@ def test_a_plan_is_the_same_when_drawn_and_when_read_again(tmp_path: Path) -> No
 @pytest.mark.parametrize("shape", [-0.2, 0.0, 0.2])
 def test_a_tail_that_is_pareto_is_found(shape: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """5000 times above a threshold, seed 4. The quantile's error grows with the shape: 4 to 30 % here; asked: 60 %."""
-    monkeypatch.setattr(tail, "RESAMPLES", 30)  # an interval is drawn here, not published
+    monkeypatch.setattr(study, "RESAMPLES", 30)  # an interval is drawn here, not published
     rng = np.random.default_rng(4)
     body = rng.uniform(100, 200, 45_000)
     above = 200 + genpareto.rvs(shape, scale=20.0, size=5000, random_state=rng)

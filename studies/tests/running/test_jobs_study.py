@@ -10,8 +10,7 @@ import pytest
 from prooflight.cli import run
 from prooflight.rng import stream
 from prooflight_line.job_queue.hot_folder import Entry
-from prooflight_studies.jobs.deliveries import PAIRS, SHARES, Delivery, deliveries
-from prooflight_studies.jobs.study import JobsPlan, right, run_jobs_study
+from prooflight_studies.jobs.study import PAIRS, SHARES, Delivery, JobsPlan, deliveries, right, run_jobs_study
 
 PDF = b"%PDF-1.7 of somebody"
 

@@ -16,11 +16,9 @@ from prooflight_line.records.database import connect, upgrade
 from prooflight_line.records.service import ShippingService
 from prooflight_line.testing.postgres import local_postgres, server_programs
 from prooflight_studies.records.backlog import LEAST_RUN, MOST_RUN, _compared, _runs
-from prooflight_studies.records.journals import write_journal
-from prooflight_studies.records.migrating import REVISIONS, measure_migrations
-from prooflight_studies.records.presses import sheet
+from prooflight_studies.records.migrating import REVISIONS, measure_migrations, write_journal
 from prooflight_studies.records.searching import RUNS, measure_searches
-from prooflight_studies.records.shipping import SETTLED_S, _lags
+from prooflight_studies.records.shipping import SETTLED_S, _lags, sheet
 
 
 @pytest.mark.skipif(server_programs() is None, reason="PostgreSQL is not installed")

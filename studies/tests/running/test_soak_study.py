@@ -9,8 +9,7 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.simulation.drum import DrumFault, turns
 from prooflight_line.journal.records import PageRecord
 from prooflight_studies.harness.page import page_text, plain
-from prooflight_studies.soak.sheets import Passed, drawn_faults, truth
-from prooflight_studies.soak.study import compared, soak_results
+from prooflight_studies.soak.study import Passed, compared, drawn_faults, soak_results, truth
 
 if TYPE_CHECKING:
     from prooflight_studies.soak.study import SoakFigures

@@ -28,8 +28,16 @@ from prooflight.simulation.corpus.designs.faces import OutlineFace
 from prooflight.simulation.corpus.designs.inks import BLACK, TOTAL_INK_MAX, Separation
 from prooflight.simulation.corpus.designs.setting import Style, broken, cut, width_em
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
-from prooflight_studies.corpus.figures import corpus_results, page_figures, summary, table
-from prooflight_studies.corpus.sheet import THUMBNAIL_PX, draw_distributions, summary_of, write_contact_sheet
+from prooflight_studies.corpus.sheet import (
+    THUMBNAIL_PX,
+    corpus_results,
+    draw_distributions,
+    page_figures,
+    summary,
+    summary_of,
+    table,
+    write_contact_sheet,
+)
 from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import page_text, plain
 

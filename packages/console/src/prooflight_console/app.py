@@ -21,13 +21,12 @@ from prooflight_console.accounts.passwords import Passwords, Tries
 from prooflight_console.accounts.provider import Provider
 from prooflight_console.alarms.alarm_store import AlarmStore
 from prooflight_console.api import ROUTERS as API_ROUTERS
-from prooflight_console.bodies import BoundedBodies
 from prooflight_console.console import Console
 from prooflight_console.engineering.notes import ChartNotes
 from prooflight_console.engineering.steps import step_aside
 from prooflight_console.engineering.versions import PressVersions
 from prooflight_console.engineering.work import Work
-from prooflight_console.headers import Headers
+from prooflight_console.middleware import BoundedBodies, Headers, RequestLog
 from prooflight_console.pages import ROUTERS as PAGE_ROUTERS
 from prooflight_console.pages.shell import problem_page
 from prooflight_console.pictures.pictures import Pictures
@@ -42,7 +41,6 @@ from prooflight_console.reading.reprints import Reprints
 from prooflight_console.reading.runs import Reading
 from prooflight_console.reading.stations import Stations
 from prooflight_console.reading.trend import Trends
-from prooflight_console.request_log import RequestLog
 from prooflight_console.zones.prices import Prices
 from prooflight_console.zones.rasters import Rasters
 from prooflight_console.zones.service import ZonesService

@@ -18,8 +18,8 @@ from prooflight.scans.camera_settings import CameraSettings
 from prooflight_line.cameras import viva
 from prooflight_line.cameras.aravis import FEWEST_BUFFERS, Aravis
 from prooflight_line.cameras.backends import camera_named, ready
-from prooflight_line.cameras.chunk_places import ChunkPlace, chunk_places
 from prooflight_line.cameras.setting_up import temperature_c
+from prooflight_line.cameras.viva import ChunkPlace, chunk_places
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -17,8 +17,7 @@ from prooflight.scans.lines import LineBlock
 from prooflight_line.cameras import backends
 from prooflight_line.cameras.backends import camera_named
 from prooflight_line.cameras.camera import CameraInfo, Feature, Grab, Health
-from prooflight_line.cameras.liveness import ANSWER_S, ASK_AFTER_S, Watchdog
-from prooflight_line.cameras.source import CameraLines
+from prooflight_line.cameras.source import ANSWER_S, ASK_AFTER_S, CameraLines, Watchdog
 
 LINES, PIXELS = 64, 16
 FOUND = CameraInfo(id="cam", maker="", model="", serial="1", address="", backend="none")

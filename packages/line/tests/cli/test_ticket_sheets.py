@@ -14,7 +14,7 @@ from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
 from prooflight.pages.pdf.facts import DocumentFacts
 from prooflight.pages.raster import Page
-from prooflight_line.cli.watch.sheets import copied, with_records
+from prooflight_line.cli.watch.job import copied, with_records
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,10 +14,10 @@ from packages.line.tests.journal.journals import facts, files_of, record
 from sqlalchemy.exc import OperationalError
 
 from prooflight_line.journal import packs, rows
+from prooflight_line.journal.aside import unclaimed_folder
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import Retention, RunEnd, Tidied
 from prooflight_line.journal.schema import JournalError
-from prooflight_line.journal.unclaimed import unclaimed_folder
 
 if TYPE_CHECKING:
     import zipfile

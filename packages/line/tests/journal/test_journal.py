@@ -23,6 +23,7 @@ from prooflight.errors import RequestError
 from prooflight.files import lock
 from prooflight.files.content import content_digest
 from prooflight_line.journal import packs
+from prooflight_line.journal.aside import unclaimed_folder
 from prooflight_line.journal.exporting import run_facts, write_csv
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore, labels_path, run_key
@@ -30,7 +31,6 @@ from prooflight_line.journal.opening import default_journal
 from prooflight_line.journal.queue import JournalQueue
 from prooflight_line.journal.records import PageRecord, Retention, RunEnd
 from prooflight_line.journal.schema import JournalError
-from prooflight_line.journal.unclaimed import unclaimed_folder
 
 DAY_S = 86_400.0
 

@@ -22,9 +22,9 @@ import numpy as np
 
 from prooflight.detectors.verdict import Verdict
 from prooflight_line.journal import packs
+from prooflight_line.journal.aside import unclaimed_folder
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, RunFacts
-from prooflight_line.journal.unclaimed import unclaimed_folder
 
 KILLS = 20
 SEED = 9

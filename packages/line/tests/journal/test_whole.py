@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from packages.line.tests.journal.journals import facts, record
 
+from prooflight_line.journal.arrays import MOST_PIXELS, packed, unpacked
 from prooflight_line.journal.journal import Journal
-from prooflight_line.journal.whole import MOST_PIXELS, packed, unpacked
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,8 +19,7 @@ from prooflight.prediction.printed import PrintedPage
 from prooflight.scans.placement import Placement
 from prooflight_line.ruler.finding import find_ruler, relative_light
 from prooflight_line.ruler.places import ruler_scale
-from prooflight_line.ruler.planes import sensor_place
-from prooflight_line.ruler.reading import read_ruler
+from prooflight_line.ruler.reading import read_ruler, sensor_place
 
 TOP = 4095
 

@@ -14,8 +14,7 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
 from prooflight_line.cli.runs import feedback
 from prooflight_line.run import tolerances
-from prooflight_line.run.granting import granted, with_zone
-from prooflight_line.run.tolerances import Proposal
+from prooflight_line.run.tolerances import Proposal, granted, with_zone
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,7 +11,7 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.prepared_store import PreparedStore
 from prooflight.pages.files import write_tiff
 from prooflight.press.pages import job_source
-from prooflight_line.run.prepared_designs import PrepareDesign
+from prooflight_line.run.sheet_inspector import PrepareDesign
 
 if TYPE_CHECKING:
     from pathlib import Path

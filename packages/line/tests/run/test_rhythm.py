@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight_line.run.sheets.rhythm import Rhythm
+from prooflight_line.run.sheets.sheet_faults import Rhythm
 
 SHEET, GAP, TOLERANCE = 2800.0, 38.0, 11.4
 SHIFT = 7.2

@@ -7,8 +7,7 @@ import pytest
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight_line.run.monitor.cusum import CLIP, SequentialRanks, Sums, run_length, threshold_for
-from prooflight_line.run.monitor.forecast import Change, expected_costs
-from prooflight_line.run.monitor.run import RECENT, PageEvidence, RunMonitor
+from prooflight_line.run.monitor.run import RECENT, Change, PageEvidence, RunMonitor, expected_costs
 
 COSTS = RunningCosts()
 COLUMNS_MM = (np.arange(40) + 0.5) * 0.5

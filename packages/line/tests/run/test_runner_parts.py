@@ -19,8 +19,7 @@ from prooflight_line.run.following import BOUND_SDS, MOST_SDS, PACE, Adapting, f
 from prooflight_line.run.monitor.evidence import COLUMN_MM, columns, columns_mm, run_evidence
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import outcome
-from prooflight_line.run.page_store import ThumbnailCache
-from prooflight_line.run.prefetch import DesignPrefetcher
+from prooflight_line.run.prefetch import DesignPrefetcher, ThumbnailCache
 from prooflight_line.run.settings import Settings
 from prooflight_line.run.sheets.records import SeenPage
 from prooflight_line.run.sheets.thumbnails import Thumbnail

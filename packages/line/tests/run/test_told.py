@@ -15,7 +15,7 @@ from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore, run_key
 from prooflight_line.journal.records import PageRecord
 from prooflight_line.run.labelled_sheets import counts_of, labelled_pages, replayed_run, sample_of_run
-from prooflight_line.run.sampling import Sampling
+from prooflight_line.run.sheet_inspector import Sampling
 from prooflight_line.run.tolerances import LEAST_SHEETS, proposals
 
 GOOD = Verdict(page="p0001", verdict="good", score=0.5, threshold=1.0)

@@ -82,7 +82,7 @@ class Accounts:
         self.path, self.clock = path, clock
         self._engine = open_file(path)
         self._passwords = passwords or Passwords()
-        self.kiosks = Kiosks(self, self._passwords)
+        self.kiosks = Kiosks(self._engine, self._passwords, clock=clock, person=self.person, begin=self.begin)
 
     def close(self) -> None:
         """Close the file."""

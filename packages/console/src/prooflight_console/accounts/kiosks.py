@@ -12,7 +12,7 @@ import re
 import secrets
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import delete, func, insert, select, update
 
@@ -73,45 +73,21 @@ class KioskKeys:
     """Whether the PIN is taken no more after too many wrong ones."""
 
 
-class People(Protocol):
-    """The accounts of a console, as kiosks need them: ``account_store.Accounts``."""
-
-    clock: Callable[[], float]
-    """Unix time. [s]"""
-
-    @property
-    def engine(self) -> Engine:
-        """Engine of the console's file."""
-        ...
-
-    def person(self, name: str) -> Person:
-        """Return the person of this name; raises RequestError if there is none."""
-        ...
-
-    def begin(self, name: str, *, how: str) -> str:
-        """Begin a session for a known person and return its secret."""
-        ...
-
-
-class Person(Protocol):
-    """A person, as kiosks need them."""
-
-    @property
-    def id(self) -> int:
-        """Number of the person."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """Name of the person."""
-        ...
-
-
 class Kiosks:
     """Kiosks of one console; thread-safe, and the audit records each change."""
 
-    def __init__(self, accounts: People, passwords: Passwords) -> None:
-        self._accounts, self._passwords, self._engine = accounts, passwords, accounts.engine
+    def __init__(
+        self,
+        engine: Engine,
+        passwords: Passwords,
+        *,
+        clock: Callable[[], float],
+        person: Callable[[str], Any],
+        begin: Callable[..., str],
+    ) -> None:
+        """Manage the kiosks in the console's file; the functions are those of ``account_store.Accounts``."""
+        self._engine, self._passwords = engine, passwords
+        self._clock, self._person, self._begin = clock, person, begin
 
     # --- devices ---
 
@@ -120,7 +96,7 @@ class Kiosks:
         name = " ".join(name.split())
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
             raise RequestError("kiosk", f"{name[:20]!r} is not a name", remedy="write where the device is")
-        secret, now_s = secrets.token_urlsafe(32), self._accounts.clock()
+        secret, now_s = secrets.token_urlsafe(32), self._clock()
         values = {"digest": _digest(secret), "name": name, "by": by, "enrolled_s": now_s, "revoked_s": None}
         with writing(self._engine).begin() as connection:
             connection.execute(insert(kiosks_table).values(**values))
@@ -149,7 +125,7 @@ class Kiosks:
             name = connection.execute(select(column.name).where(standing)).scalar()
             if name is None:
                 raise RequestError("kiosk", f"there is no kiosk {number}", remedy="reload the list")
-            connection.execute(update(kiosks_table).where(standing).values(revoked_s=self._accounts.clock()))
+            connection.execute(update(kiosks_table).where(standing).values(revoked_s=self._clock()))
             own = select(kiosk_sessions_table.c.digest).where(kiosk_sessions_table.c.kiosk_id == number)
             connection.execute(delete(sessions_table).where(sessions_table.c.digest.in_(own)))
             self._record(connection, by, "kiosk.revoke", name)
@@ -194,7 +170,7 @@ class Kiosks:
 
     def remove(self, person: str, *, by: str) -> None:
         """Remove a person's PIN and badge, and end their sessions at kiosks."""
-        owner = self._accounts.person(person)
+        owner = self._person(person)
         with writing(self._engine).begin() as connection:
             connection.execute(delete(kiosk_keys_table).where(kiosk_keys_table.c.person_id == owner.id))
             at_kiosks = select(kiosk_sessions_table.c.digest)
@@ -247,7 +223,7 @@ class Kiosks:
 
     def bound(self, kiosk: Kiosk, secret: str, *, full: bool) -> None:
         """Bind a session to a device, so that it ends when nobody acts. full: it was begun by password."""
-        ends_s = self._accounts.clock() + (FULL_IDLE_S if full else IDLE_S)
+        ends_s = self._clock() + (FULL_IDLE_S if full else IDLE_S)
         digest = _digest(secret)
         with writing(self._engine).begin() as connection:
             own = sessions_table.c.digest == digest
@@ -257,7 +233,7 @@ class Kiosks:
 
     def acted(self, who: Who) -> None:
         """Note an action in a session that ends when nobody acts."""
-        ends_s = self._accounts.clock() + who.idle_s
+        ends_s = self._clock() + who.idle_s
         if ends_s - who.ends_s < 1:
             return
         with writing(self._engine).begin() as connection:
@@ -267,12 +243,12 @@ class Kiosks:
     # --- parts ---
 
     def _begun(self, kiosk: Kiosk, name: str, how: str) -> str:
-        secret = self._accounts.begin(name, how=f"{how} at {kiosk.name}")
+        secret = self._begin(name, how=f"{how} at {kiosk.name}")
         self.bound(kiosk, secret, full=False)
         return secret
 
     def _set(self, person: str, what: str, by: str, **values: Any) -> None:
-        owner = self._accounts.person(person)
+        owner = self._person(person)
         key = kiosk_keys_table.c.person_id
         with writing(self._engine).begin() as connection:
             if not connection.execute(
@@ -308,7 +284,7 @@ class Kiosks:
         return hashlib.scrypt(badge.encode(), salt=bytes.fromhex(salt), n=2**14, r=8, p=1).hex()
 
     def _record(self, connection: Connection, who: str, what: str, target: str) -> None:
-        audit.append(connection, at_s=self._accounts.clock(), who=who, what=what, target=target)
+        audit.append(connection, at_s=self._clock(), who=who, what=what, target=target)
 
 
 def _kiosk(row: Any) -> Kiosk:

@@ -61,7 +61,6 @@ class Statistics:
     """Alarm statistics."""
 
     hours: float
-    """Hours of operation."""
     alarms: int
     most_in_period: int
     """Greatest number of alarms in any ten minutes."""

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import JSONResponse
 
+from prooflight_console import problems
 from prooflight_console.access import needs
 from prooflight_console.accounts.roles import Role, Scope, Who
 from prooflight_console.api.common import PREFIX, Limit, Viewer, console
 from prooflight_console.api.schemas import AuditAnswer, ChainAnswer
-from prooflight_console.openapi import openapi
 from prooflight_console.problems import responses
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
 
 router = APIRouter(prefix=PREFIX, tags=["audit"])
 
@@ -50,3 +53,15 @@ def schema(request: Request, _who: Viewer) -> JSONResponse:
     """Return this interface as OpenAPI 3.1."""
     document: dict[str, Any] = openapi(request.app)
     return JSONResponse(document)
+
+
+def openapi(app: FastAPI) -> dict[str, Any]:
+    """Return the interface for programs as OpenAPI 3.1, without the pages."""
+    if app.openapi_schema is None:
+        schema = app.openapi()
+        schema.setdefault("components", {}).setdefault("schemas", {})["ProblemBody"] = (
+            problems.ProblemBody.model_json_schema()
+        )
+        schema["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        schema["security"] = [{"token": []}]
+    return app.openapi_schema or {}

@@ -19,8 +19,7 @@ from prooflight_console.api.schemas import (
 )
 from prooflight_console.problems import responses
 from prooflight_console.reading import facts
-from prooflight_console.reading.drift import drift, latencies
-from prooflight_console.reading.trend import run_figures
+from prooflight_console.reading.trend import drift, latencies, run_figures
 from prooflight_line.journal.camera_view import CameraExchange
 
 if TYPE_CHECKING:

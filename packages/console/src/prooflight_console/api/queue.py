@@ -10,7 +10,7 @@ from starlette.requests import ClientDisconnect
 
 from prooflight_console.api.common import PREFIX, JobsOperator, Viewer, console
 from prooflight_console.api.schemas import QueueAnswer, QueuedJobAnswer, SentAnswer
-from prooflight_console.bodies import UPLOADS
+from prooflight_console.middleware import UPLOADS
 from prooflight_console.problems import Problem, responses
 from prooflight_console.reading.queue import MOST_NAME, Move
 

@@ -22,7 +22,9 @@ from prooflight_console.api.common import (
     Viewer,
     console,
     etag,
+    evidence_of,
     not_modified,
+    replayable,
     unchanged,
 )
 from prooflight_console.api.schemas import (
@@ -37,7 +39,6 @@ from prooflight_console.api.schemas import (
 )
 from prooflight_console.problems import binary, responses
 from prooflight_console.reading import facts
-from prooflight_console.replaying import evidence_of, replayable
 from prooflight_line.journal.following import Written
 from prooflight_line.journal.labels import run_key
 

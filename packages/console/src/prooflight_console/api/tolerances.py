@@ -13,7 +13,7 @@ from prooflight_console.api.common import PREFIX, JobNumber, Viewer, console
 from prooflight_console.api.schemas import Answer
 from prooflight_console.api.zones import ZoneBody, zone_body
 from prooflight_console.problems import responses
-from prooflight_line.run.granting import granted
+from prooflight_line.run.tolerances import granted
 
 if TYPE_CHECKING:
     from prooflight_console.zones.service import GivenJob

@@ -101,7 +101,6 @@ class ThresholdEffect:
 
     threshold: float
     present: bool
-    """Whether it is the one in use."""
     effect: Effect
 
 

@@ -136,7 +136,6 @@ class DriftChart:
     lines: tuple[tuple[Drift, str], ...]
     """Each drift with the path of its line; a period without a value leaves a gap."""
     zero: float
-    """Height of the value 0."""
     least: float
     greatest: float
     unit: str

@@ -7,9 +7,8 @@ from fastapi.responses import Response
 
 from prooflight.errors import ProoflightError
 from prooflight.inspection.redeciding import replayed
-from prooflight_console.api.common import RunId, SheetNumber, console
+from prooflight_console.api.common import RunId, SheetNumber, console, evidence_of, replayable
 from prooflight_console.pages.shell import ViewerPage, page
-from prooflight_console.replaying import evidence_of, replayable
 
 router = APIRouter(include_in_schema=False)
 

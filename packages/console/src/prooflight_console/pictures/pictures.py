@@ -30,9 +30,9 @@ from prooflight_console.pictures.tiles import (
     thumbnail,
 )
 from prooflight_console.problems import Problem, not_found
+from prooflight_line.journal.arrays import NAME
 from prooflight_line.journal.cuts import Cut, cuts_of, whole_cut
 from prooflight_line.journal.labels import run_key
-from prooflight_line.journal.whole import NAME
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,8 +10,8 @@ import numpy as np
 from prooflight.press.artefact import Press
 from prooflight_console.pictures.expected import write_levels
 from prooflight_console.pictures.tiles import FLAT, REACH, UNSEEN, valley
+from prooflight_line.journal.arrays import NAME, TOP
 from prooflight_line.journal.cuts import signal_of, whole_scan
-from prooflight_line.journal.whole import NAME, TOP
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -34,7 +34,6 @@ class PriceTask:
 
     id: str
     job: int
-    """Number of the job."""
     job_digest: str
     """Digest of the job's content, on which the price depends."""
     zones_digest: str

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
@@ -10,20 +11,23 @@ import os
 import threading
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import cv2
 import numpy as np
 
 from prooflight.errors import ProoflightError
 from prooflight.files.atomic import whole_file
+from prooflight.inspection.codes.finding import code_zones
 from prooflight.pages.job import JobSource
 from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.zones.rules import Rules, entry_of
+from prooflight.press.artefact import Press
+from prooflight.press.pages import job_source
 from prooflight_console.pictures.expected import TILE, levels_of
 from prooflight_console.pictures.pictures import MAKING, tidy
 from prooflight_console.pictures.tiles import encoded
 from prooflight_console.problems import Problem, not_found
-from prooflight_console.zones.proposals import proposals_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +35,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.pdf.rip import PageMarks
+    from prooflight.pages.zones.zone import Box
+    from prooflight.pages.zones.zones_file import ZoneEntry
     from prooflight_console.pictures.pictures import Pictures
-    from prooflight_console.zones.proposals import Proposal
 
 _log = logging.getLogger(__name__)
 
@@ -163,3 +169,49 @@ def _read(folder: Path) -> Raster | None:
         return Raster(**json.loads((folder / FACTS).read_text()))
     except (OSError, ValueError, TypeError):
         return None
+
+
+# --- zones that a page proposes, which a person may accept or leave ---
+
+Source = Literal["box", "layer", "annotation", "code"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """One zone that a page proposes."""
+
+    source: Source
+    zone: ZoneEntry
+
+
+def proposals_of(job: Path, number: int, press: Path | None, dpi: float) -> list[Proposal]:
+    """Return the proposals of page ``number``, from 1; called in a process of its own.
+
+    The area outside the BleedBox and under annotations is proposed to be ignored; layers and bar codes to be
+    careful. press: whose camera must read the codes; None for no codes. dpi: resolution of a page without a
+    press. Raises the errors of ``Job.page`` and ``Press.load``.
+    """
+    loaded = None if press is None else Press.load(press)
+    source = JobSource(path=job, dpi=dpi) if loaded is None else job_source(job, loaded)
+    with source.open() as opened:
+        size, marks = opened.page_size_mm(number), opened.marks(number)
+        proposals = [] if marks is None else _of_marks(marks, number, size)
+        if loaded is None:
+            return proposals
+        with contextlib.suppress(ProoflightError):  # this press cannot print the page: no codes
+            proposals += [Proposal(source="code", zone=zone) for zone in code_zones(opened, number, loaded)]
+    return proposals
+
+
+def _of_marks(marks: PageMarks, number: int, size_mm: tuple[float, float]) -> list[Proposal]:
+    outside = Rules(outside_bleed="ignore").entries(marks, number, size_mm)
+    proposals = [Proposal(source="box", zone=zone) for zone in outside]
+    named: list[tuple[Source, str, Box]] = [("layer", name, box) for name, box in marks.layers]
+    named += [
+        ("annotation", next(filter(None, reversed(names)), "annotation"), box)
+        for names, box in marks.annotations
+    ]
+    for source, name, box in named:
+        zone = entry_of(name, "careful" if source == "layer" else "ignore", box, number, size_mm)
+        proposals += [] if zone is None else [Proposal(source=source, zone=zone)]
+    return proposals

@@ -12,7 +12,7 @@ from prooflight.detectors.registry import detector
 from prooflight.errors import JobError, ProoflightError
 from prooflight.pages.job import JobSource
 from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones
-from prooflight_console.headers import etag
+from prooflight_console.middleware import etag
 from prooflight_console.problems import Problem, not_found
 from prooflight_console.reading.stations import content_stamp, digest_of, press_of
 from prooflight_console.reading.zones import zones_path

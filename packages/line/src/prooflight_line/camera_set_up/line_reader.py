@@ -48,7 +48,6 @@ class LastLines:
     came: int = 0
     """Number of all lines, stored or not."""
     count: int = 0
-    """Number of stored lines."""
     _blocks: deque[NDArray[np.uint16]] = field(default_factory=deque)
 
     def add(self, block: NDArray[np.uint16], *, torn: bool) -> None:

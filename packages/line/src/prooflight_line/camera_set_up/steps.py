@@ -176,4 +176,3 @@ QUESTIONS: Final = (
     "sheet.across",
     "sheet.along",
 )
-"""Keys of all questions."""

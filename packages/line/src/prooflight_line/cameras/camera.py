@@ -87,7 +87,6 @@ class Health:
     """Condition of a camera and of its connection."""
 
     lines: int = 0
-    """Lines received."""
     lines_lost: int = 0
     lines_per_s: float = 0.0
     blocks: int = 0

@@ -84,7 +84,6 @@ class LineCounter:
     next_line: int = 0
     """Number after the last line that came or is known to be lost."""
     lines: int = 0
-    """Lines received."""
     lost: int = 0
     blocks: int = 0
     broken: int = 0

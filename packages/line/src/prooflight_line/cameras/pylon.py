@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from prooflight_line.cameras.camera import FeatureKind
 
 BUFFERS: Final = 64
-"""Number of buffers for blocks."""
 NO_ID: Final = (1 << 64) - 1
 """ID of a block that the camera did not number."""
 KINDS: Final[tuple[FeatureKind, ...]] = (

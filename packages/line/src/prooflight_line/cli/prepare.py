@@ -34,7 +34,7 @@ def prepare(
     from prooflight.pages.parallel import Files
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
-    from prooflight_line.run.prepared_designs import PrepareDesign
+    from prooflight_line.run.sheet_inspector import PrepareDesign
 
     loaded = Press.load(press)
     inspector = Inspector(loaded)

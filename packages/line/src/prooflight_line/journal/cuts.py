@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from prooflight.spectra import srgb_encoded
-from prooflight_line.journal.whole import NAME, unpacked
+from prooflight_line.journal.arrays import NAME, unpacked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -58,7 +58,6 @@ class Heads:
     run: int
     """Number of the last run; 0: none began."""
     ended: bool
-    """Whether that run has ended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

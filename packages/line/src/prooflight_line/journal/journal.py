@@ -18,7 +18,7 @@ from sqlalchemy.exc import DBAPIError
 from prooflight import __version__
 from prooflight.files.lock import WriterLock
 from prooflight_line.journal import rows
-from prooflight_line.journal.aside import Refusals, aside_file
+from prooflight_line.journal.aside import Refusals, Unclaimed, aside_file, put_aside
 from prooflight_line.journal.columns import complaint
 from prooflight_line.journal.labels import LabelStore
 from prooflight_line.journal.opening import ANOTHER, examine, journal_path, open_database, why, writing
@@ -35,7 +35,6 @@ from prooflight_line.journal.records import (
 )
 from prooflight_line.journal.retention import due, tidy
 from prooflight_line.journal.schema import JournalError, packs_table, pages_table, runs_table, stored_packs
-from prooflight_line.journal.unclaimed import Unclaimed, put_aside
 from prooflight_line.journal.writing import write
 
 if TYPE_CHECKING:

@@ -79,7 +79,6 @@ class Label:
     """Key of the run, by ``run_key``."""
     sheet: int | None
     incident: str | None
-    """Number of the incident."""
     word: str
     note: str
     by: str
@@ -88,7 +87,6 @@ class Label:
     upto: int | None = None
     """The last sheet of an incident that the person saw; None: all of them."""
     undoes: int | None = None
-    """Number of the label that this one undoes."""
 
     def covers(self, sheet: int) -> bool:
         """Return whether the person saw this sheet of the incident."""

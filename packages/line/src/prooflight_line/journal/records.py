@@ -175,7 +175,6 @@ class Tidied:
     """Results of tidying so far."""
 
     runs: list[int] = field(default_factory=list)
-    """Numbers of the runs removed."""
     packs: int = 0
     """Number of files of evidence removed."""
     pack_bytes: int = 0

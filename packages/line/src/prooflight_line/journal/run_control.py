@@ -36,7 +36,6 @@ class Request:
     of: str
     """Run by ``labels.run_key``, or job by ``job_queue.hot_folder.Entry.key``."""
     by: str
-    """Name of the person."""
     at_s: float
     """Unix time. [s]"""
 

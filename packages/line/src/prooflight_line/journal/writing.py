@@ -19,9 +19,8 @@ from sqlalchemy.exc import (
 )
 
 from prooflight_line.journal import packs, rows
-from prooflight_line.journal.arrays import check_arrays
+from prooflight_line.journal.arrays import check_arrays, packed
 from prooflight_line.journal.queue import Batch
-from prooflight_line.journal.whole import packed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -130,7 +130,6 @@ class _Sheets:
     """Sheets that are not delivered although a print of them is in the good tray."""
     vouched: list[int] = field(default_factory=list)
     upto: int = 0
-    """Number of sheets that have come."""
 
 
 def reprint_list(

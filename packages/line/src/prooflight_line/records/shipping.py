@@ -88,7 +88,6 @@ class Step:
     """The sheets that were shipped, by ``labels.sheet_id``."""
     labels: int = 0
     seconds: float = 0.0
-    """Time that it took."""
     more: bool = False
     """Whether the journal held more than one step takes."""
 

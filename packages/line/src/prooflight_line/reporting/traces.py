@@ -68,7 +68,6 @@ class Traces:
 
     processor: SpanProcessor
     attributes: Mapping[str, Any]
-    """Attributes of all spans."""
 
     @classmethod
     def of_environment(cls, **attributes: Any) -> Self | None:
@@ -122,7 +121,6 @@ class RunTraces:
     recorder: Recorder | None
     """None: the run is in no journal, and no sheet waits."""
     clock: Callable[[], float] = time.monotonic
-    """The clock of the run."""
     _guard: threading.Lock = field(default_factory=threading.Lock, init=False)
     _waiting: deque[tuple[int, Outcome, dict[str, Interval]]] = field(default_factory=deque, init=False)
     _gate: dict[int, Interval] = field(default_factory=dict, init=False)

@@ -54,7 +54,6 @@ class DetectedRuler:
     cells: tuple[int, int]
     """First and last cell with a detected marker."""
     markers: int
-    """Number of detected markers."""
 
     @property
     def end_mm(self) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from prooflight.detectors.disposition import gravest
 from prooflight.inspection.common_cause import COLUMN_KINDS, NEAR_MM, SHEET_KINDS
 from prooflight.scans.lines import CAMERA_AWAY
-from prooflight_line.run.monitor.forecast import LEAST_PAGES, SLOPE_SDS
+from prooflight_line.run.monitor.run import LEAST_PAGES, SLOPE_SDS
 from prooflight_line.run.places import around, gap_mm, place_text
 
 if TYPE_CHECKING:
@@ -89,7 +89,6 @@ class Incident:
     reopened_sheet: int
     """Sheet at which it last opened or recurred."""
     count: int
-    """Number of sheets."""
     sheets: tuple[int, ...]
     """Numbers of its first ``FIRST_SHEETS`` and last ``LAST_SHEETS`` sheets."""
     pages: tuple[str, ...]

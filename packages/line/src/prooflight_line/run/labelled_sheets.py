@@ -201,9 +201,7 @@ class Replayed:
 
     run: int
     sheets: int
-    """Number of sheets that have a score."""
     alarms: int
-    """Number of alarms that it gave."""
     gone: tuple[int, ...]
     """Sheets whose alarm would be withdrawn."""
     gone_told: Mapping[str, int]

@@ -23,8 +23,7 @@ from prooflight_line.run.sheets.edges import EDGE_LINES, STRETCH, Sheet, SheetFi
 from prooflight_line.run.sheets.fitting import lay
 from prooflight_line.run.sheets.following import Expected, Following
 from prooflight_line.run.sheets.records import Fault, MissingPage, SeenPage
-from prooflight_line.run.sheets.rhythm import Rhythm
-from prooflight_line.run.sheets.sheet_faults import length_fault, splice_fault
+from prooflight_line.run.sheets.sheet_faults import Rhythm, length_fault, splice_fault
 from prooflight_line.run.sheets.store import LineStore
 from prooflight_line.run.sheets.thumbnails import Shrinker, Thumbnail
 

@@ -22,7 +22,6 @@ class Sheet:
     number: int
     """Position in the run, from 0."""
     job_page: int
-    """Page of the job that it shows."""
     seen: SeenPage
     arrived_s: float
     """Time at which its last line was read, by the watcher's clock."""

@@ -43,8 +43,7 @@ from prooflight_line.run.outcomes import (
     unknown_sheet,
 )
 from prooflight_line.run.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
-from prooflight_line.run.page_store import ThumbnailCache
-from prooflight_line.run.prefetch import DesignPrefetcher
+from prooflight_line.run.prefetch import DesignPrefetcher, ThumbnailCache
 from prooflight_line.run.queues import Sheet, Waiting
 from prooflight_line.run.resuming import Past
 from prooflight_line.run.sheets.records import MissingPage, SeenPage

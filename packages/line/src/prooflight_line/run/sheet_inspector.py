@@ -1,4 +1,4 @@
-"""Inspection of the sheets of a run: preparation of a design, and inspection of one scan of it."""
+"""Inspection of the sheets of a run: preparation of a design, inspection of one scan of it, and the sample to label."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.packed_design import PackedDesign
 from prooflight.inspection.redeciding import evidence_to_store, scan_to_store
+from prooflight.pages.job import opened
+from prooflight.rng import stream
 from prooflight_line.run.monitor.evidence import run_evidence
 from prooflight_line.run.monitor.run import PageEvidence
-from prooflight_line.run.sampling import Sampling
 from prooflight_line.run.sheets.thumbnails import thumbnail_of
 
 if TYPE_CHECKING:
@@ -22,9 +23,38 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.prepared_store import PreparedStore
+    from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import Unseen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampling:
+    """Sampling design of one run: which of its sheets are reviewed by a person."""
+
+    sample: float = 0.0
+    """Probability that a sheet that passed is sampled for review. [-]"""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.sample <= 1:
+            message = f"sample must be 0 to 1, got {self.sample}"
+            raise ValueError(message)
+
+    def probability(self, verdict: Verdict, sheet: int) -> float | None:
+        """Return the probability with which a sheet was sampled for review, or None if it was not.
+
+        The draw depends only on the seed and the sheet's number, so that every process and every later call
+        agree. A sheet that was not inspected has no verdict to review and is never sampled.
+        """
+        if verdict.verdict == "misprint":
+            return 1.0
+        if verdict.verdict != "good" or not self.sample:
+            return None
+        return self.sample if stream(self.seed, "asked-sheets", sheet).random() < self.sample else None
+
 
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
@@ -194,3 +224,23 @@ class SheetInspector:
         if self.workers is not None:
             self.workers.provide(self, ready)
         return ready
+
+
+# --- preparation of a job's designs before any run, by any process ---
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrepareDesign:
+    """Preparation of one page of a job; it stores nothing, and can be sent to workers on other machines."""
+
+    source: JobSource
+    store: PreparedStore
+
+    def __call__(self, number: int) -> bytes:
+        """Return the file of page ``number``, from 1, for ``PreparedStore.put``.
+
+        JobError: the page cannot be used, or does not fit the press.
+        """
+        inspector = self.store.inspector
+        page = inspector.press.geometry.lay(opened(self.source).page(number))
+        return self.store.content(SheetInspector(inspector=inspector).prepare(page))

@@ -96,7 +96,6 @@ class Status:
     """Sheets without a fault of the print that are held nevertheless: lines were lost, or they came out of
     place."""
     overloads: int
-    """Number of overload alarms."""
     overloaded: bool
     """Whether an overload alarm is active."""
     queue_depth: int

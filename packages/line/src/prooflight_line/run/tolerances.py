@@ -1,4 +1,4 @@
-"""Repeated false alarms at one place, each a tolerance that a person may grant, with its price.
+"""Repeated false alarms at one place, each a tolerance that a person may grant, with its price; and its acceptance.
 
 A proposal is advice: nothing here changes a verdict. Its price is what would no longer be detected there: the
 labelled misprints of the same kind at that place, and the strength up to which a new one would pass.
@@ -7,10 +7,13 @@ labelled misprints of the same kind at that place, and the strength up to which 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from prooflight.errors import RequestError
 from prooflight.inspection.common_cause import NEAR_MM
+from prooflight.pages.zones.zones_file import ZoneEntry
 from prooflight_line.journal.labels import FALSE_ALARM, OF_GOOD, Labels, run_key
 from prooflight_line.run.incidents import causes_of
 from prooflight_line.run.labelled_sheets import incidents_by_sheet
@@ -19,6 +22,7 @@ from prooflight_line.run.places import around, gap_mm, place_text
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from prooflight.pages.zones.zones_file import JobZones
     from prooflight_line.journal.labels import LabelStore
     from prooflight_line.journal.reading import JournalReader
     from prooflight_line.journal.records import PageRecord, RunRow
@@ -147,3 +151,48 @@ def _would_pass(alarm: _Alarm, up_to: float) -> bool:
     """Return whether a sheet has no other defect than the tolerated one."""
     score = abs(alarm.cause.score or math.inf)
     return score <= up_to and len(alarm.record.verdict.regions) == 1
+
+
+# --- acceptance: a proposal becomes an ignored zone ---
+
+MARGIN_MM: Final = 1.0
+"""Margin around the false alarms. assumed: the largest displacement of a page, and of a place within it."""
+NAME: Final = "tolerance"
+PAGE: Final = re.compile(r"p([0-9]{4,})(?:-[0-9]+)?")
+
+
+def granted(proposal: Proposal, sizes_mm: Sequence[tuple[float, float]]) -> ZoneEntry:
+    """Return the zone of a proposal, on the pages that it names.
+
+    Zones have neither kind nor amount: everything printed there is ignored, which is more than was proposed.
+    RequestError: a page is not one of the job's, or the place is on none of its pages.
+    """
+    numbers = sorted({_number(name, len(sizes_mm)) for name in proposal.pages})
+    width_mm, height_mm = (min(sizes_mm[number - 1][axis] for number in numbers) for axis in (0, 1))
+    x, y, width, height = proposal.box_mm
+    left, top = max(x - MARGIN_MM, 0.0), max(y - MARGIN_MM, 0.0)
+    right, bottom = min(x + width + MARGIN_MM, width_mm), min(y + height + MARGIN_MM, height_mm)
+    if right <= left or bottom <= top:
+        what = f"its place, {x:.1f}, {y:.1f} mm, is on no page of this job"
+        raise RequestError(NAME, what, remedy="give the job that was printed")
+    return ZoneEntry(
+        name=f"{NAME}: {proposal.kind} at {x:.0f}, {y:.0f} mm",
+        kind="ignore",
+        pages=",".join(map(str, numbers)),
+        rectangle_mm=(round(left, 2), round(top, 2), round(right - left, 2), round(bottom - top, 2)),
+    )
+
+
+def with_zone(job_zones: JobZones | None, entry: ZoneEntry) -> tuple[ZoneEntry, ...]:
+    """Return the zones of a file and one more; RequestError: a zone of that name is there already."""
+    before = () if job_zones is None else job_zones.document.zones
+    if any(one.name == entry.name for one in before):
+        raise RequestError(NAME, f"{entry.name!r} was granted already", remedy="remove it first")
+    return (*before, entry)
+
+
+def _number(name: str, pages: int) -> int:
+    match = PAGE.fullmatch(name)
+    if match is None or not 1 <= int(match[1]) <= pages:
+        raise RequestError(NAME, f"{name} is not a page of this job", remedy="give the job that was printed")
+    return int(match[1])

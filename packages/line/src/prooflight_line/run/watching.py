@@ -15,9 +15,8 @@ from prooflight_line.run.outcomes import RunWatch
 from prooflight_line.run.pager import Pager, SheetEdge
 from prooflight_line.run.resuming import Past
 from prooflight_line.run.runner import Running
-from prooflight_line.run.sampling import Sampling
 from prooflight_line.run.settings import Settings
-from prooflight_line.run.sheet_inspector import SheetInspector
+from prooflight_line.run.sheet_inspector import Sampling, SheetInspector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

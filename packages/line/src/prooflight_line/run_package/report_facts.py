@@ -43,7 +43,6 @@ class ReportedIncident:
     verdict: Verdict
     """Verdict of the sheet that is shown."""
     sheet: int
-    """Number of that sheet."""
     picture: SeenPicture | None
     label: Label | None
     """The last label in force; None: nobody gave one."""

@@ -90,7 +90,6 @@ class Signature:
     """Signature of a digest and of a comment."""
 
     number: bytes
-    """Number of the key."""
     signature: bytes
     comment: str
     of_comment: bytes

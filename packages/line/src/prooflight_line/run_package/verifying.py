@@ -82,7 +82,6 @@ class Verified:
     """Result of a verification."""
 
     faults: list[str] = field(default_factory=list)
-    """Faults, a line each."""
     more_faults: int = 0
     """Number of faults beyond those."""
     signed_by: str = ""

@@ -16,7 +16,7 @@ from prooflight.errors import visible
 from prooflight_line.cli.runs.journals import JournalUrl, url_of
 
 if TYPE_CHECKING:
-    from prooflight_line.cli.doctor.speed import Speed
+    from prooflight_line.cli.doctor.machine import Speed
 
 LACKING: Final = 1
 """Exit code if something that is needed is missing."""
@@ -41,8 +41,7 @@ def doctor(
     Exits 1 if something that is needed is missing.
     """
     from prooflight.press.artefact import Press
-    from prooflight_line.cli.doctor.machine import findings
-    from prooflight_line.cli.doctor.speed import SHEETS, measure_speed
+    from prooflight_line.cli.doctor.machine import SHEETS, findings, measure_speed
     from prooflight_line.journal.opening import journal_path
 
     loaded = None if press is None else Press.load(press)

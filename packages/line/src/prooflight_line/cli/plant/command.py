@@ -21,7 +21,7 @@ from prooflight.errors import RequestError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from prooflight_line.plant.checking import Answer
+    from prooflight_line.plant.outlets.configured import Answer
     from prooflight_line.plant.simulator.plc import SimulatedPlc
 
 REFRESH_S: Final = 0.2
@@ -43,7 +43,7 @@ def check(
 ) -> None:
     """Check the connections to the gate's controller and to every outlet; exits 2 if one does not answer."""
     from prooflight.press.press_file import PressFile
-    from prooflight_line.plant.checking import answers
+    from prooflight_line.plant.outlets.configured import answers
 
     results = answers(PressFile.read(press_file))
     if not results:

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TextIO
 
+    from prooflight_line.journal.aside import Unclaimed
     from prooflight_line.journal.journal import Journal
     from prooflight_line.journal.records import Due, PageRecord, Retention, RunRow, Tidied
     from prooflight_line.journal.schema import JournalError
-    from prooflight_line.journal.unclaimed import Unclaimed
 
 DAMAGED_SHOWN = 5
 """Number of damaged rows that are named; the rest are counted."""
@@ -214,7 +214,7 @@ def pair(
     json: Json = False,
 ) -> None:
     """Pair two runs of a press with a camera a side into sheets; exits 1 for a misprint, 3 for a missing side."""
-    from prooflight_line.cli.runs import pairing
+    from prooflight_line.cli.runs.sheets import pair as of_sides
 
     damaged = Damaged()
     with reading(journal) as of_fronts, reading(backs_journal or journal) as of_backs:
@@ -223,7 +223,7 @@ def pair(
             what = f"run {one[1].id} is given for fronts and for backs"
             raise RequestError("run pair", what, remedy="give two runs, or --backs-journal")
         try:
-            pairing.pair(one, other, pages_a_set=pages_a_set, damaged=damaged.add, json=json)
+            of_sides(one, other, pages_a_set=pages_a_set, damaged=damaged.add, json=json)
         finally:
             damaged.report()
 

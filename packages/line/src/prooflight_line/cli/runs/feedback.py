@@ -207,7 +207,7 @@ def _grant(listed: list[Proposal], number: int, *, zones: Path | None, job: Path
     """Write one proposal's zone into a job's zones, which makes their price invalid."""
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
-    from prooflight_line.run.granting import granted, with_zone
+    from prooflight_line.run.tolerances import granted, with_zone
 
     if zones is None or job is None:
         raise RequestError("--grant", "needs the job and its zones", remedy="give --zones F.json --job JOB")

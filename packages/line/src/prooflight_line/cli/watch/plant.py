@@ -1,15 +1,16 @@
-"""The plant of ``prooflight watch --plant PRESS.toml``: its gate and its outlets, or neither."""
+"""The plant of ``prooflight watch --plant PRESS.toml``: its gate and outlets, checked and then served."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
+from prooflight.errors import JobError, RequestError
 from prooflight.press.press_file import PressFile
-from prooflight_line.cli.watch import gate as watch_gate
-from prooflight_line.cli.watch import outlets as watch_outlets
+from prooflight.reporting.wording import count
+from prooflight_line.cli.watch.sources import drum_rate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -22,13 +23,19 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import LineSource
     from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.journal.records import Ending, RunFacts
+    from prooflight_line.plant.events import SheetAtGate
     from prooflight_line.plant.gate.gate import Gate
+    from prooflight_line.plant.gate.handshake import State
+    from prooflight_line.plant.outlets.outbox import OutletHealth
     from prooflight_line.plant.outlets.outlet import Outlet
     from prooflight_line.plant.stream import EventStream
     from prooflight_line.run.notices import Notice
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.recording import Recorder
     from prooflight_line.run.sheets.records import SeenPage
+
+
+REMEDY: Final = "see `prooflight plant check`, correct it, or remove its block from [plant]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,19 +58,48 @@ class Plant:
         """
         if path is None:
             return cls(file=None, gate=None, outlets=(), lengths_mm=[0.0], size_mm=None)
-        lengths_mm = watch_gate.lengths_mm(job, press)
+        lengths_mm = _lengths_mm(job, press)
         size_mm = None if job.flaws() else job.page_size_mm(1)
         file = PressFile.read(path)
-        outlets = watch_outlets.outlets_in(file, press.name)
-        gate = watch_gate.gate_settings(file)
+        outlets = _outlets_in(file, press.name)
+        gate = file.gate_settings()
+        if gate is not None:
+            from prooflight_line.plant.gate.gate import try_controller
+
+            try_controller(gate)
         return cls(file=file, gate=gate, outlets=outlets, lengths_mm=lengths_mm, size_mm=size_mm)
 
     def refuse_unfit(self, source: str, press: Press, *, deadline_s: float) -> None:
-        """Check the gate; see ``watch_gate.refuse_unfit``."""
-        if self.file is not None and self.gate is not None:
-            watch_gate.refuse_unfit(
-                self.file, self.gate, source, press, lengths_mm=self.lengths_mm, deadline_s=deadline_s
-            )
+        """Raise an error if the gate cannot work with this source, the value of the option, and this job.
+
+        RequestError: the source keeps no time. PlantError: sheets reach the gate before their verdicts can, or are
+        nearer to each other than the gate can distinguish.
+        """
+        if self.file is None or self.gate is None:
+            return
+        gate = self.gate
+        from prooflight_line.plant.gate.gate import Travel, exchange_s, refuse_close, refuse_near
+
+        geometry, shortest_mm, longest_mm = press.geometry, min(self.lengths_mm), max(self.lengths_mm)
+        kind, _, rest = source.partition(":")
+        if kind == "camera":
+            camera = self.file.camera()
+            rate_hz = self.file.camera_settings().line_rate_hz or camera.sensors[0].line_rate_hz
+            speed_mm_s = camera.line_travel_mm * rate_hz
+        elif kind == "drum" and rest:
+            speed_mm_s = drum_rate(source, rest) * geometry.lines(longest_mm) * geometry.line_pitch_mm
+        else:
+            what = "has a gate, and this source has no speed of its own"
+            raise RequestError(self.file.path, what, remedy="give --source drum:PAGES_PER_S or camera:ID")
+        travel = Travel(
+            distance_mm=gate.distance_mm,
+            speed_mm_s=speed_mm_s,
+            sheet_mm=longest_mm + geometry.lead_out_mm,
+            deadline_s=deadline_s,
+            exchange_s=exchange_s(gate),
+        )
+        refuse_near(gate, travel, where=self.file.path)
+        refuse_close(gate, shortest_mm, where=self.file.path)
 
     def with_sets(self, plan: SheetPlan | None, *, pages: int, sheets: int | None) -> SheetPlan | None:
         """Return the plan of the run with the sets of ``[gate] pages_a_set``, if the layout states none.
@@ -74,12 +110,30 @@ class Plant:
         own = 1 if self.gate is None else self.gate.pages_a_set
         if self.file is None or own == 1:
             return plan
-        return watch_gate.with_sets(plan, own, pages=pages, sheets=sheets, where=self.file.path)
+        from prooflight.pages.layout.layout import Layout
+        from prooflight.pages.layout.plan import SheetPlan
+
+        if plan is None:
+            return SheetPlan(layout=Layout(pages_a_set=own), sides=pages, sheets=sheets or pages)
+        stated = plan.layout.pages_a_set
+        if stated is not None and stated != own:
+            what = f"[gate] pages_a_set = {own}, but --layout states pages-a-set={stated}"
+            raise RequestError(
+                self.file.path, what, remedy="remove it from [gate]: the job determines its sets"
+            )
+        if own % plan.layout.pages_a_sheet:
+            what = f"[gate] pages_a_set = {own}, but a sheet takes {plan.layout.pages_a_sheet} pages"
+            raise RequestError(self.file.path, what, remedy="give --layout pages-a-set of whole sheets")
+        return replace(plan, layout=replace(plan.layout, pages_a_set=own))
 
     @property
     def simulated(self) -> PlcSettings | None:
         """The gate's controller, if it is a simulated one."""
-        return watch_gate.simulated(self.gate)
+        if self.gate is None:
+            return None
+        from prooflight_line.plant.simulator.feed import is_simulated
+
+        return self.gate.plc if is_simulated(self.gate.plc) else None
 
     @contextmanager
     def served(
@@ -96,11 +150,11 @@ class Plant:
     ) -> Iterator[ServedPlant]:
         """Serve the plant until the run is over and the last sheets have reached the gate.
 
-        ``notice`` and ``progress`` are those of ``gate_of``.
+        ``notice`` and ``progress`` are those of ``_gate_of``.
         """
         with ExitStack() as stack:
             stream = stack.enter_context(
-                watch_outlets.events_published(
+                _events_published(
                     self.outlets,
                     facts,
                     run_id=None if recorder is None else recorder.run_id,
@@ -112,7 +166,7 @@ class Plant:
             )
             after_gate = stack.enter_context(ExitStack())
             gate = stack.enter_context(
-                watch_gate.gate_of(
+                _gate_of(
                     self.gate,
                     press,
                     job_pages=job_pages,
@@ -174,3 +228,125 @@ class ServedPlant:
         """Publish the end of the run, after the gate has reported its last sheets."""
         if self.stream is not None:
             self.after_gate.callback(self.stream.ended, ending, lacks)
+
+
+def _outlets_in(plant: PressFile, press: str) -> list[Outlet]:
+    """Return the outlets that a press file names, each tried; ``press`` is the name in the events.
+
+    RequestError: one does not answer; others as of ``outlets_of``.
+    """
+    from prooflight_line.plant.outlets.configured import outlets_of
+    from prooflight_line.plant.outlets.outlet import check
+
+    outlets = outlets_of(plant, press)
+    for outlet in outlets:
+        tried = check(outlet)
+        if not tried.ok:
+            raise RequestError(tried.name, f"does not answer ({tried.answer})", remedy=REMEDY)
+    return outlets
+
+
+@contextmanager
+def _events_published(
+    outlets: Sequence[Outlet],
+    facts: RunFacts,
+    *,
+    run_id: int | None,
+    room: int,
+    size_mm: tuple[float, float] | None,
+    plan: SheetPlan | None,
+    notice: Callable[[Notice], None],
+) -> Iterator[EventStream | None]:
+    """Give the run's stream of events while its outlets are served; None if there are no outlets.
+
+    ``size_mm`` is the size of a sheet, and ``plan`` as for ``EventStream``. ``notice`` is called when an
+    outlet connects or disconnects.
+    """
+    if not outlets:
+        yield None
+        return
+    from prooflight_line.plant.outlets.outlet import Outlets
+    from prooflight_line.plant.stream import EventStream
+    from prooflight_line.run.notices import Notice
+
+    def changed(health: OutletHealth) -> None:
+        if health.connected:
+            notice(Notice(kind="outlet-ready", text=f"{health.name}: connected"))
+        else:
+            notice(Notice(kind="outlet-away", text=f"{health.name}: {health.detail}; events wait"))
+
+    with Outlets(outlets, room=room, changed=changed) as served:
+        stream = EventStream([served.put], press=facts.press, run=run_id, size_mm=size_mm, plan=plan)
+        stream.started(facts)
+        yield stream
+
+
+def _lengths_mm(job: Job, press: Press) -> list[float]:
+    """Return the lengths of the job's pages along the travel, as they enter the press, without unreadable pages."""
+    geometry, lengths = press.geometry, list[float]()
+    for number in range(1, len(job) + 1):
+        with suppress(JobError):
+            width_mm, height_mm = job.page_size_mm(number)
+            turned = width_mm > geometry.pixels * geometry.pixel_pitch_mm
+            lengths.append(width_mm if turned else height_mm)
+    return lengths or [0.0]
+
+
+@contextmanager
+def _gate_of(
+    settings: GateSettings | None,
+    press: Press,
+    *,
+    job_pages: int,
+    plan: SheetPlan | None,
+    recorder: Recorder | None,
+    resumption: Resumption | None,
+    notice: Callable[[Notice], None],
+    state: Callable[[str, str], None],
+    report: Callable[[SheetAtGate], None],
+    progress: Callable[[str], None],
+) -> Iterator[Gate | None]:
+    """Serve the gate until the last sheets have reached it; None if the press has none.
+
+    ``progress`` is called when they are waited for. ``notice`` is called when the gate becomes ready and when
+    it does not stay so; ``state``, with every step of the handshake, and why; ``report``, with every sheet
+    that has passed the gate.
+    """
+    if settings is None:
+        yield None
+        return
+    from prooflight_line.plant.gate.gate import Gate
+    from prooflight_line.plant.gate.handshake import State
+    from prooflight_line.run.notices import Notice
+
+    ready = False
+
+    def tell(step: State, why: str) -> None:
+        nonlocal ready
+        state(str(step), why)
+        if step is State.READY:
+            ready = True
+            notice(Notice(kind="gate-ready", text=f"the gate at {settings.plc.where} is ready"))
+        elif ready:
+            ready = False
+            doubt = {"reject": "are rejected", "accept": "pass", "stop": "stop the press"}[settings.policy]
+            text = f"the gate at {settings.plc.where} is not ready ({why}): sheets without a result {doubt}"
+            notice(Notice(kind="gate-away", text=text))
+
+    journal = None if recorder is None else recorder.journal.path
+    run_id = 0 if recorder is None else recorder.run_id
+    with Gate(
+        settings,
+        press.geometry,
+        job_pages=job_pages,
+        plan=plan,
+        journal=journal,
+        run_id=run_id,
+        past=None if resumption is None else resumption.gate,
+        open_sides=() if resumption is None else resumption.open_sides,
+        tell=tell,
+        report=report,
+    ) as gate:
+        yield gate
+        if left := gate.protocol.waiting:
+            progress(f"{count(left, 'sheet')} on the way to the gate")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from prooflight_line.reporting.traces import RunTraces
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
-    from prooflight_line.run.page_store import JobPageStore
+    from prooflight_line.run.prefetch import JobPageStore
     from prooflight_line.run.recording import Recorder
     from prooflight_line.run.runner import Running
     from prooflight_line.run.sheet_inspector import Keep
@@ -127,7 +127,7 @@ def _ready(
 ) -> Running:
     """Return the run, ready to start; sheets and notices go to the gate, the display, the traces and the plant."""
     from prooflight_line.run.notices import PageWarnings
-    from prooflight_line.run.page_store import JobPageStore
+    from prooflight_line.run.prefetch import JobPageStore
     from prooflight_line.run.watching import watched
 
     page_store = JobPageStore(

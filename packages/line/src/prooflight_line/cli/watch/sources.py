@@ -41,7 +41,6 @@ class DrumWishes:
     """Requested content of the simulated drum."""
 
     pages: int
-    """Number of pages of the job."""
     sheets: int
     """Number of sheets that pass in all."""
     options: DrumOptions

@@ -73,7 +73,6 @@ class Watching:
     phase_s: float = 0.0
     """Time at which a program last received the phase, which is ``last_phase``."""
     log: RunLog = field(default_factory=RunLog)
-    """The log for programs."""
     live: threading.Event = field(default_factory=threading.Event)
     """Whether the status line is on, above which the notices are printed."""
 

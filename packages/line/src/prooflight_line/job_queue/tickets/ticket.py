@@ -23,7 +23,6 @@ class Ticket:
     layout: str = ""
     """Words of ``--layout`` that the ticket states."""
     brand: str = ""
-    """Brand of the substrate."""
     weight_gsm: float | None = None
     """Weight of the substrate. [g/m2]"""
     keep: str = ""

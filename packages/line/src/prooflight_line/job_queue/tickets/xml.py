@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Element: TypeAlias = Any
-"""An element of lxml."""
 AGAIN: Final = "export the ticket again"
 MOST_ELEMENTS: Final = 20_000
 _tickets = GivenFiles(error=JobError, remedy="send a ticket of one job", largest_mb=2)
@@ -45,7 +44,6 @@ class Document:
     """A ticket as XML."""
 
     where: str
-    """Name of the file."""
     root: Element
 
     @property

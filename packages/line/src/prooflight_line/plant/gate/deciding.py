@@ -50,7 +50,6 @@ class SheetDecision:
     job_page: int | None
     """Page of the run that the sheet shows or stands for; None: not known."""
     page: str
-    """Name of that page."""
     set_number: int
     """Number of the set, from 0."""
     came: bool = True

@@ -34,7 +34,6 @@ class Pending:
     line: int
     """The camera's line count at its leading edge."""
     last_line_s: float
-    """Time at which its last line was read."""
     posted_s: float
     written_s: float | None = None
     taken: bool = False

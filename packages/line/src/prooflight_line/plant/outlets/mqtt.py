@@ -53,7 +53,6 @@ class Mqtt:
     host: str
     port: int
     topic: str
-    """Prefix of all topics."""
     client_id: str | None = None
     user: str | None = None
     password: str | None = field(default=None, repr=False)

@@ -101,11 +101,9 @@ class VisionTypes:
     """Types that were built."""
 
     index: int
-    """Index of the namespace."""
     nodes: dict[str, Node]
     """Types by name; states and transitions as TYPE.NAME."""
     structures: dict[str, Any]
-    """Classes of structures by name."""
 
 
 async def build(server: Server) -> VisionTypes:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight_line.plant.events import EventsLost, RunStarted, SheetAtGate, SheetJudged
 from prooflight_line.plant.outlets import xjmf_messages as xjmf
-from prooflight_line.plant.outlets.http_answers import answering
 from prooflight_line.plant.outlets.outlet import OutletError
-from prooflight_line.plant.outlets.posting import REFUSED, answer_text, posting
+from prooflight_line.plant.outlets.posting import REFUSED, answer_text, answering, posting
 
 if TYPE_CHECKING:
     import ssl

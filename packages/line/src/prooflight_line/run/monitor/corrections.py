@@ -46,7 +46,6 @@ class Correction:
     offset: float
     """Amount to add to the press's setting; 0: the deviation is not sure."""
     sheets: int
-    """Number of sheets that it rests on."""
     first_sheet: int
     last_sheet: int
 

@@ -150,7 +150,6 @@ class Readings:
     """All hypotheses about the sheets of a run, the best first."""
 
     pages: int
-    """Number of pages of the job."""
     hypotheses: tuple[Reading, ...] = (Reading(),)
     last: int | None = None
     """The page that came last."""

@@ -15,6 +15,7 @@ from prooflight.commissioning.training.learn import (
     fitted_forest,
     learn_model,
     learn_scatter,
+    widest,
 )
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
@@ -153,6 +154,16 @@ def test_boxes_that_know_little_of_the_light_say_little_of_how_it_moves() -> Non
     drawn_[::2] = np.stack([np.sqrt(power) * rng.standard_normal(2000), power, 0 * power], axis=-1)
     samples["boxes"][MODES.index("light"), 5] = drawn_
     assert learn_scatter(samples).light[5] == pytest.approx(0.01, rel=0.06)
+
+
+def test_the_widest_scatter_covers_each() -> None:
+    quiet, loud = Scatter.white(), Scatter.white()
+    loud.boxes[0, 0] = 4.0, 0.5, 0.1
+    loud.light[2] *= 3
+    both = widest([quiet, loud])
+    assert both.boxes[0, 0].tolist() == [4.0, 1.0, 0.1]
+    assert both.light[2] == loud.light[2]
+    np.testing.assert_array_equal(both.streaks, quiet.streaks)
 
 
 def test_each_press_is_compared_with_its_own_good_pages() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -129,6 +129,16 @@ def learn_scatter(samples: Mapping[str, NDArray[np.floating]], *, prior: PrintPr
             out[place] = _scattered(drawn[place].astype(np.float64))
         scatter[name] = out
     return Scatter(**scatter)
+
+
+def widest(scatters: Sequence[Scatter]) -> Scatter:
+    """Return the scatter that covers all of these: of each parameter the greatest."""
+    return Scatter(
+        **{
+            one.name: np.maximum.reduce([getattr(scatter, one.name) for scatter in scatters])
+            for one in fields(Scatter)
+        }
+    )
 
 
 def _light(drawn: NDArray[np.floating], least: NDArray[np.float64]) -> NDArray[np.float64]:

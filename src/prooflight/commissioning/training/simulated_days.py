@@ -129,6 +129,15 @@ def fitted(page: Page, geometry: ScanGeometry) -> Page:
     return replace(page, cmyk=np.ascontiguousarray(page.cmyk[top : top + height, left : left + width]))
 
 
+def world_in_turn(design: int, worlds: int) -> int:
+    """Return the number of the world, of so many that a press states, of the day on which a design is printed.
+
+    >>> [world_in_turn(design, 2) for design in (0, 3, 4, 8)]
+    [0, 0, 1, 0]
+    """
+    return design // DESIGNS_A_DAY % worlds
+
+
 class ScanEvidence(NamedTuple):
     """Evidence of one scan before any decision."""
 
@@ -160,7 +169,7 @@ class PressDay:
         Days of a press that states several worlds are of each in turn, so that its threshold is of all of them.
         """
         worlds = stated_amounts(press)
-        amounts = worlds[first // DESIGNS_A_DAY % len(worlds)]
+        amounts = worlds[world_in_turn(first, len(worlds))]
         session = Session.draw(amounts, press, stream(seed, "training-session", first))
         return cls(
             day=SimulatedDay(press=press, session=session),

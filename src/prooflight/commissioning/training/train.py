@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prooflight.commissioning.training.adapting import fit_for
-from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled
+from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled, widest
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
     Rows,
@@ -29,6 +29,7 @@ from prooflight.commissioning.training.simulated_days import (
     fitted,
     good_prior,
     good_residual_variance,
+    world_in_turn,
 )
 from prooflight.detectors.matched_filter.analysis import analyse_registered
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
@@ -45,9 +46,11 @@ from prooflight.prediction.predict import predict
 from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
 from prooflight.simulation.misprints.kinds import scope_of
+from prooflight.simulation.worlds import stated_amounts
 
 if TYPE_CHECKING:
     from prooflight.detectors.entry import TrainedModel
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
@@ -115,7 +118,7 @@ def trained(
         return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
-    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()}, prior=good_prior(press))
+    scatter = _scatter_of(drawn, plan.pilot, press)
     unit = None
     if paper:
         units = gathered(UnitWork(press=press, pages=pages, seed=seed), plan.pilot, "the paper's unit")
@@ -142,6 +145,23 @@ def trained(
     if unit is not None:
         models["bayes"] = _bayes(press, rows, unit)
     return replace(press, detectors=models)
+
+
+def _scatter_of(drawn: Rows, designs: range, press: Press) -> Scatter:
+    """Return the scatter of the designs' draws, that of each world which the press states at least.
+
+    Together they would have a mean scatter, and prints of the world with more would alarm too often.
+    """
+    prior, worlds = good_prior(press), len(stated_amounts(press))
+    turns = np.array([world_in_turn(design, worlds) for design in designs])
+    return widest(
+        [
+            learn_scatter(
+                {name: pooled(values[turns == turn]) for name, values in drawn.items()}, prior=prior
+            )
+            for turn in range(worlds)
+        ]
+    )
 
 
 def _bayes(press: Press, learn: Rows, unit: NDArray[np.float64]) -> BayesDetector:

@@ -194,8 +194,8 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
 def residual_pixels(golden: NDArray[np.float32], scan: NDArray[np.float32], where: GoldenPlace) -> float:
     """Return by how far tiles lie off the field that follows them, rms along an axis, weighted by their precision.
 
-    golden, scan: as for ``place``, which returned ``where``. It includes the noise of the measurement itself, and edges as
-    sharp as a pixel seem to lie up to 30 % further off than they do.
+    golden, scan: as for ``place``, which returned ``where``. It includes the noise of the measurement itself, and
+    edges as sharp as a pixel seem to lie up to 30 % further off than they do.
     """
     own, precision = _tile_moves(
         where, _small(golden, 1, where.tile_pixels), _small(scan, 1, where.tile_pixels), 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Self
 import cv2
 import numpy as np
 
-from prooflight.simulation.fields import smooth_field
+from prooflight.simulation.sheets import smooth_field
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.adapting import adapted, own_scores
-from prooflight.commissioning.training.good_rows import waiting_path
 from prooflight.commissioning.training.learn import Pages
 from prooflight.commissioning.training.real_pages import (
     FEWEST_REAL,
     LearnedPages,
     learn_pages,
     recalibrated,
+    waiting_path,
 )
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE

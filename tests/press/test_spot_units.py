@@ -19,8 +19,7 @@ from tests.pages.test_cxf import cxf, spectrum
 
 from prooflight.commissioning.build import build_press, spot_units
 from prooflight.errors import InputError
-from prooflight.pages.spots.spot_ink import SpotInk
-from prooflight.pages.spots.spot_print import SpotPrint
+from prooflight.pages.spots.spot_ink import SpotInk, SpotPrint
 from prooflight.press.artefact import Press
 from prooflight.press.job_spectra import JobSpectra
 from prooflight.press.pages import open_job, predict

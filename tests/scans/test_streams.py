@@ -13,8 +13,7 @@ import pytest
 
 from prooflight.errors import RequestError, ScanError
 from prooflight.scans.lines import LineBlock
-from prooflight.scans.raw import RawLines, open_raw, write_block
-from prooflight.scans.streams import InterruptibleStream, open_stream
+from prooflight.scans.raw import InterruptibleStream, RawLines, open_raw, open_stream, write_block
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,9 +10,9 @@ import pytest
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
-from prooflight.simulation.fields import ColourWaves, smooth_field, smooth_line
 from prooflight.simulation.prints import Print, Speck, composed, plane_pixels, speck_pixels
 from prooflight.simulation.session import Session, beyond_solid, noise_curve
+from prooflight.simulation.sheets import ColourWaves, smooth_field, smooth_line
 from prooflight.simulation.worlds import Amounts
 
 if TYPE_CHECKING:

@@ -99,7 +99,7 @@ class Code:
     """Whether the page is a misprint if it cannot be read; False where this camera is too coarse for it, or
     lost lines."""
     grade: float | None
-    """Grade from 4, the best, to 0, in the manner of ISO/IEC 15416 and 15415 (``inspection.codes.grading``); None:
+    """Grade from 4, the best, to 0, in the manner of ISO/IEC 15416 and 15415 (``inspection.codes.reading``); None:
     there is no grading of its symbology."""
     weakest: str
     """Parameter with the lowest grade; empty: no grade, or nothing is wrong."""

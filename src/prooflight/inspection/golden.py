@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from prooflight.detectors.base import Inspection, PressContext
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.golden.detector import NAME, ZONES, Golden, GoldenDetector, evened
-from prooflight.detectors.golden.several import mean_and_spread
+from prooflight.detectors.golden.differences import mean_and_spread
 from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.facts import DocumentFacts, PageFacts
-    from prooflight.pages.spots.spot_print import SpotPrint
+    from prooflight.pages.spots.spot_ink import SpotPrint
 
 
 FINER: Final = 2

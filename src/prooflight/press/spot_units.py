@@ -15,8 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from prooflight.files.fields import NO_OTHER_FIELDS
-from prooflight.pages.spots.spot_ink import SpotInk
-from prooflight.pages.spots.spot_print import STEPS, SpotPrint
+from prooflight.pages.spots.spot_ink import STEPS, SpotInk, SpotPrint
 from prooflight.prediction.mixtures import mixtures
 from prooflight.spectra import BANDS
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.scans.placement import Placement, Warp
-from prooflight.simulation.fields import smooth_field, smooth_line
 from prooflight.simulation.session import Session, bounds_percent, lamp_profile, rounded
-from prooflight.simulation.sheets import RUN_SHEETS, InkFields
+from prooflight.simulation.sheets import RUN_SHEETS, InkFields, smooth_field, smooth_line
 
 if TYPE_CHECKING:
     from prooflight.pages.raster import Page

@@ -13,9 +13,8 @@ from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.kernels.simulation.inks import NOISE_STEPS, TRUE_NODES
 from prooflight.rng import stream
-from prooflight.simulation.fields import ColourWaves, smooth_line
 from prooflight.simulation.halftone import dot_gain_factor
-from prooflight.simulation.sheets import SheetState
+from prooflight.simulation.sheets import ColourWaves, SheetState, smooth_line
 from prooflight.simulation.worlds import Amounts, World, amounts_of, world_named
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.good_rows import waiting_path
+from prooflight.commissioning.training.real_pages import waiting_path
 from prooflight.commissioning.training.train import trained
 from prooflight.pages.files import write_tiff
 from prooflight.press.artefact import Press

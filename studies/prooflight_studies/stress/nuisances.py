@@ -22,7 +22,7 @@ from prooflight.prediction.predict import predict
 from prooflight.prediction.sampling_grid import NODE_PITCH
 from prooflight.press.press_file import PressFile
 from prooflight.scans.placement import Warp
-from prooflight.simulation.fields import smooth_field
+from prooflight.simulation.sheets import smooth_field
 from prooflight.simulation.worlds import RANGES
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.golden.detector import GoldenSheet, marks
-from prooflight.detectors.golden.differences import GoldenPlace, Tolerance, compare
-from prooflight.detectors.golden.several import mean_and_spread
+from prooflight.detectors.golden.differences import GoldenPlace, Tolerance, compare, mean_and_spread
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
 from prooflight.scans.scan import Scan

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.statistics.plane_shifts import DOUBT, plane_shifts
+from prooflight.detectors.matched_filter.statistics.local_evidence import DOUBT, plane_shifts
 
 LINES, PIXELS = 90, 70
 PIXEL_MM = 0.25

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.inspection.codes.grading import CONTRAST, DEFECTS, decodability, letter, level
+from prooflight.inspection.codes.reading import CONTRAST, DEFECTS, decodability, letter, level
 from prooflight.inspection.codes.symbols import Profile, cut_elements
 
 STEP = 0.25

@@ -18,7 +18,7 @@ from prooflight.spectra import delta_e00, lab
 if TYPE_CHECKING:
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.job import Job
-    from prooflight.pages.spots.spot_print import SpotPrint
+    from prooflight.pages.spots.spot_ink import SpotPrint
     from prooflight.press.artefact import Press
 
 KIND: Final = "spot-spectrum"

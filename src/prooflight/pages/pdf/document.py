@@ -36,7 +36,7 @@ from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
-    from prooflight.pages.spots.spot_print import SpotPrint
+    from prooflight.pages.spots.spot_ink import SpotPrint
 
 BYTES_PER_PIXEL: Final = 40
 """Memory while drawing; measured: 8 for most pages, 36 with transparency groups five deep."""

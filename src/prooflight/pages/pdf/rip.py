@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
-    from prooflight.pages.spots.spot_print import SpotPrint
+    from prooflight.pages.spots.spot_ink import SpotPrint
 
 SWATCHES_A_PAGE: Final = 16
 """Spot colours that are drawn at once to measure their print: no engine draws any number on one page."""

@@ -26,7 +26,7 @@ from prooflight.pages.pdf.resources import entries, get, items, name_of, shown_n
 
 if TYPE_CHECKING:
     from prooflight.pages.pdf.colour_management import Inks
-    from prooflight.pages.spots.spot_print import SpotPrint
+    from prooflight.pages.spots.spot_ink import SpotPrint
 
 COLOURS_MAX: Final = 32
 """MuPDF's FZ_MAX_COLORS."""

@@ -30,7 +30,7 @@ from prooflight.pages.memory import file_stamp, keep_memory
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import RipModel
-from prooflight.pages.spots.spot_print import SpotPrint
+from prooflight.pages.spots.spot_ink import SpotPrint
 
 if TYPE_CHECKING:
     from prooflight.pages.warnings import PageWarning

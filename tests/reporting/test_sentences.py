@@ -17,7 +17,7 @@ LOST = "lines lost: lines 7 to 1,900 were lost: parts of block 3 did not arrive"
         (
             "front: a misprint; it lies in the good tray",
             "front: the sheet is a misprint; the sheet is in the good tray",
-            "Vorderseite: der Bogen ist ein Fehldruck; der Bogen liegt in der Gut-Ablage",
+            "Vorderseite: der Bogen ist ein Fehldruck; der Bogen liegt in der Gutablage",
         ),
         (
             f"{LOST}; lines lost: about 90 lines from 4 on were lost: the camera was away for 3.1 s",

@@ -32,11 +32,13 @@ WATCH: Final = """() => {
     for (const cell of document.querySelectorAll("#strip .unseen")) {
       if (!shown.has(cell.textContent)) { shown.add(cell.textContent); painted(Number(cell.textContent)); }
     }
-    if (document.querySelector(".band.stop") && !shown.has("stop")) { shown.add("stop"); painted("stop"); }
+    if (shown.has("alarm") || !document.querySelector(".band.look, .band.stop")) return;
+    shown.add("alarm");
+    painted("alarm");
   };
   new MutationObserver(look).observe(document.getElementById("main"), { childList: true, subtree: true });
 }"""
-"""Script that notes the time at which a frame with each sheet of the strip, and with the state `stop`, was drawn."""
+"""Script that notes the time at which a frame with each sheet of the strip, and with an alarm, was drawn."""
 
 
 class Listeners:
@@ -116,8 +118,7 @@ class Windows:
         self._started: Any = None
         self._pages: list[Any] = []
         self.seen: list[dict[int | str, float]] = []
-        """For each page, times at which a frame with each sheet, and the first with the state `stop`, were drawn; Unix
-        time. [s]"""
+        """For each page, times at which a frame with each sheet, and the first with an alarm, were drawn; Unix time. [s]"""
 
     @property
     def is_installed(self) -> bool:

@@ -98,7 +98,7 @@ class ConsoleFigures:
     lost: tuple[str, ...]
     delays: tuple[Delay, ...]
     alarm_s: float | None
-    """Delay from the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
+    """Delay from the first misprint's verdict on the screen; None: no browser is installed."""
     cores: int
     load: float
     """Load of the machine, a core, when the study began: above 0.5 other programs were running."""
@@ -275,10 +275,10 @@ def _drawn(windows: Windows) -> list[tuple[int, float]]:
 
 
 def _alarm_s(windows: Windows, verdict_s: float) -> float | None:
-    """Return the delay of the state `stop` in the last of all pages; None: a page did not show it."""
-    if not all("stop" in seen for seen in windows.seen):
+    """Return the delay of the alarm in the last of all pages; None: a page did not show it."""
+    if not all("alarm" in seen for seen in windows.seen):
         return None
-    return max(seen["stop"] for seen in windows.seen) - verdict_s
+    return max(seen["alarm"] for seen in windows.seen) - verdict_s
 
 
 def _delay(who: str, verdict_times: dict[int, float], seen: list[tuple[int, float]], *, times: int) -> Delay:

@@ -118,7 +118,7 @@ class Windows:
         self._started: Any = None
         self._pages: list[Any] = []
         self.seen: list[dict[int | str, float]] = []
-        """For each page, times at which a frame with each sheet, and the first with an alarm, were drawn; Unix time. [s]"""
+        """For each page, Unix times at which a frame with each sheet, and the first with an alarm, were drawn. [s]"""
 
     @property
     def is_installed(self) -> bool:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 GOOD: Final = Verdict(page="p0002", verdict="good", detector="matched_filter")
 MISPRINT: Final = Verdict(page="p0002", verdict="misprint", detector="matched_filter", kind="streak")
-NOT_INSPECTED: Final = Verdict.skipped("p0002", "its verdict would have come too late")
+NOT_INSPECTED: Final = Verdict.skipped("p0002", "the verdict would have been late")
 SHEETS: Final[dict[Code, tuple[Verdict, tuple[str, ...]]]] = {
     Code.GOOD: (GOOD, ()),
     Code.MISPRINT: (MISPRINT, ()),

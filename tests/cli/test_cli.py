@@ -150,8 +150,8 @@ def test_pages_without_scan_are_said_to_be_not_inspected(
     assert code == 3
     rows = [json.loads(line) for line in out.splitlines()]
     assert [row["verdict"] for row in rows] == ["not-inspected", "good", "not-inspected"]
-    assert rows[2]["reason"] == f"its scan is missing (looked for p0003.tif in {tmp_path})"
-    assert err.startswith("prooflight: 2 of 3 pages were not inspected (the first p0001: its scan is missing")
+    assert rows[2]["reason"] == f"the scan is missing (looked for p0003.tif in {tmp_path})"
+    assert err.startswith("prooflight: 2 of 3 pages were not inspected (the first p0001: the scan is missing")
     assert err.count("\n") == 1
     assert (tmp_path / "r" / "report.html").is_file()
 

@@ -72,7 +72,7 @@ def reasons(rows: list[dict[str, Any]], folder: Path) -> None:
     assert str(folder / "job" / "p0002.tif") in of_page[TORN_PAGE]
     assert "truncated" in of_page[TORN_PAGE]
     assert str(folder / "scans" / "p0003.tif") in of_page[TORN_SCAN]
-    assert of_page[NO_SCAN] == f"its scan is missing (looked for p0005.tif in {folder / 'scans'})"
+    assert of_page[NO_SCAN] == f"the scan is missing (looked for p0005.tif in {folder / 'scans'})"
     assert str(folder / "scans" / "p0006.tif") in of_page[NO_TIFF]
 
 

@@ -83,7 +83,7 @@ def test_the_reason_says_where_a_missing_scan_was_looked_for(
     source: JobSource, scans: Path, press: Press
 ) -> None:
     inspect = InspectPage(job=source, inspector=Inspector.of(press, "chi-square"), scans=scans)
-    assert inspect((2, None)).verdict.reason == f"its scan is missing (looked for p0002.tif in {scans})"
+    assert inspect((2, None)).verdict.reason == f"the scan is missing (looked for p0002.tif in {scans})"
 
 
 def test_a_file_that_is_no_tiff_keeps_its_place(source: JobSource, scans: Path) -> None:

@@ -209,8 +209,8 @@ def test_what_no_amount_says_is_the_detector_s_reason_and_german_has_its_kind() 
         describe(wrong, size_mm=A4, language="de").brief
         == KINDS["de"]["wrong-page"] + " auf der ganzen Seite"
     )
-    skipped = Verdict.skipped("p0001", "its scan is missing")
-    assert describe(skipped).sentence == "Its scan is missing"
+    skipped = Verdict.skipped("p0001", "the scan is missing")
+    assert describe(skipped).sentence == "The scan is missing"
 
 
 def test_a_blank_sheet_is_called_so() -> None:

@@ -235,7 +235,7 @@ def test_costs_change_like_a_threshold_and_labels_keep_counting(
         assert answer.status_code == 200, answer.text
         return ended(console)
 
-    given = {"step": "costs", "false_alarm_cents": "2", "missed_misprint_cents": "50"}
+    given = {"step": "costs", "false_alarm_cents": "2,0", "missed_misprint_cents": "50"}
     for wrong in ("0", "-1", "nan", "inf", "much"):
         answer = engineer.post("/press/engineering/work", data={**given, "false_alarm_cents": wrong})
         assert answer.status_code == 422, wrong

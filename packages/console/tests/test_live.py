@@ -273,7 +273,7 @@ def test_inspection_that_does_not_keep_pace_leads_the_page_before_a_misprint(tmp
     assert "prooflight job prepare" in page
     assert ">Held<" in page
     assert "Let pass" not in page
-    assert "Its verdict would have come too late" in page, "a card says why its sheets were not inspected"
+    assert "The verdict would have been late" in page, "a card says why its sheets were not inspected"
     console.close()
 
 

@@ -18,13 +18,20 @@ if TYPE_CHECKING:
 def test_a_start_is_shown_with_its_stage_and_the_time_left(tmp_path: Path, language: str) -> None:
     console = served(tmp_path, run=False)
     start_file = StartFile(journal=console.journal)
-    start_file.write(Start(stage="press", done=30, total=120, left_s=200.0))
+    start_file.write(
+        Start(stage="press", done=30, total=120, left_s=200.0, part="learning scatter, 5 designs")
+    )
     client = console.client(Role.VIEWER)
     client.headers["Accept-Language"] = language
     shown = client.get("/").text
     words = {
-        "en": ("The press is being built.", "30 of 120", "About 4 min left."),
-        "de": ("Die Maschine wird aufgebaut.", "30 von 120", "Noch etwa 4 min."),
+        "en": ("The press is being built.", "30 of 120", "About 4 min left.", " (5 designs)"),
+        "de": (
+            "Die Maschine wird aufgebaut.",
+            "30 von 120",
+            "Noch etwa 4 min.",
+            "Die Streuung der Drucke wird gelernt (5 Entwürfe)",
+        ),
     }
     for word in words[language]:
         assert word in shown, word

@@ -112,6 +112,6 @@ def test_with_a_gate_the_list_is_that_of_the_trays(console: Any) -> None:
     told = viewer.get(f"{API}/runs/1/reprint").json()
     assert told["by"] == "trays"
     assert [(one["page"], one["copy"], one["why"]) for one in told["sheets"]] == [
-        ("s0002", 2, "a misprint"),
+        ("s0002", 2, "the sheet is a misprint"),
         ("s0002", 3, "the controller reported no tray"),
     ]

@@ -65,6 +65,6 @@ def place_reason(registration: Registration) -> str:
     if registration.foreign:
         return "the scan shows another page: its content is not predicted by this one"
     if not registration.located:
-        return f"the scan does not show this page: {registration.reason or 'its tiles show something else'}"
+        return f"the scan does not show this page: {registration.reason or 'the content of the scan differs'}"
     x, y = registration.placement.shift_mm
     return f"the page is {x:+.1f}, {y:+.1f} mm and {registration.placement.skew_deg:+.2f} degrees off its position"

@@ -36,7 +36,7 @@ LONGEST = 4
 """Greatest length of a recorded scan over its page's: lines beyond the page are not inspected, but are read."""
 DIGEST_DIGITS = 16
 """Number of digits of a SHA-256: enough to distinguish a press's scans, and its pages' rasters."""
-MISSING: Final = "its scan is missing"
+MISSING: Final = "the scan is missing"
 UNUSABLE: Final = (ProoflightError, OSError, MemoryError)
 """Exceptions that are raised where a page or its scan cannot be used."""
 NAMED: Final = 5

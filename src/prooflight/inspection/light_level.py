@@ -308,7 +308,7 @@ def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> Wron
             reason=f"{what}, but the backing next to it is not: calibrate again for this paper", of_sheet=True
         )
     what = f"the light is {light:.2f} times what this press was calibrated for ({paper})"
-    return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=False)
+    return WrongLight(reason=f"{what}: repair the lamp or the camera, or calibrate again", of_sheet=False)
 
 
 def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
@@ -316,7 +316,7 @@ def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
     if level.backing is None or not tolerance < abs(level.backing - 1) < NO_BACKING:
         return None
     what = f"the backing next to the page is {level.backing:.2f} times as bright as in the calibration"
-    return WrongLight(reason=f"{what}: check lamp and camera, or calibrate again", of_sheet=True)
+    return WrongLight(reason=f"{what}: check the lamp and the camera, or calibrate again", of_sheet=True)
 
 
 def _of_black(level: LightLevel, sensor: SensorModel) -> WrongLight | None:

@@ -31,7 +31,7 @@ NEXT: Final = 4
 """Patience of a live display: a sheet is reported when the next two or three have come. [positions]"""
 NAMED: Final = 5
 """Greatest number of sheets that are named; the rest is counted."""
-NEVER: Final = "it did not come"
+NEVER: Final = "the sheet was not detected"
 HOLD: Final[tuple[Disposition, ...]] = ("hold",)
 SideName = Literal["front", "back", ""]
 
@@ -288,9 +288,9 @@ def sheet_verdict(plan: SheetPlan, sheet: int, sides: Sequence[SideVerdict]) -> 
     copy, number = divmod(sheet, plan.sheets_a_job)
     why = [f"{side.side}: {side.why}" if side.side else side.why for side in sides if side.verdict != "good"]
     again = [side for side in sides if len(side.rows) > 1 or "repeated" in side.faults]
-    why += [f"its {side.side or 'print'} was captured twice" for side in again]
+    why += [f"the {side.side or 'print'} was captured twice" for side in again]
     why += [
-        f"its {side.side or 'print'} came out of order" for side in sides if "out-of-order" in side.faults
+        f"the {side.side or 'print'} came out of order" for side in sides if "out-of-order" in side.faults
     ]
     return SheetVerdict(
         sheet=sheet,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.cmyk import NAME_OF_INK
 from prooflight.reporting.defect_phrases import KINDS, TEXTS, Code
+from prooflight.reporting.sentences import reason, reasons
 
 if TYPE_CHECKING:
     from prooflight.detectors.verdict import Ink, Region, Verdict
@@ -140,7 +141,8 @@ above what 99 of 100 good sheets show'
     """
     say = _Phrasing(language)
     if verdict.verdict != "misprint":
-        return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
+        what = reason(verdict.reason, language)
+        return DefectText(title="", what=what, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
     kind = shown_kind(verdict.kind, region, size_mm)
     no_place = kind in ("unknown", "blank-sheet") or (
@@ -149,7 +151,7 @@ above what 99 of 100 good sheets show'
     where = "" if no_place else say.place(region, size_mm, kind)
     what = say.what(verdict, kind, region)
     if spoken := kind != "blank-sheet" and _reason_speaks(verdict, language):
-        what, where = verdict.reason, ""
+        what, where = reason(verdict.reason, language), ""
     elif len(verdict.regions) > 1 and where:
         where = f"{where}, {say.more(len(verdict.regions) - 1)}"
     return DefectText(
@@ -199,9 +201,9 @@ def shape_of(region: Region | None, size_mm: Size | None = None) -> Shape:
 
 
 def _reason_speaks(verdict: Verdict, language: Code) -> bool:
-    """Return whether the detector's own reason, which is English, says more than ``describe`` can."""
+    """Return whether the detector's own reason says more than ``describe`` can, in a language that it has."""
     special = verdict.kind in IN_REASON or not verdict.regions
-    return language == "en" and bool(verdict.reason) and special
+    return special and bool(verdict.reason) and (language == "en" or reasons().contains(verdict.reason))
 
 
 def _of_all(inks: Mapping[str, Ink], worst: str) -> bool:

@@ -102,8 +102,8 @@ def count(number: int, noun: str) -> str:
 def not_inspected(of_what: str, number: int, first: str) -> str:
     """State how many were not inspected, and the reason of the first.
 
-    >>> not_inspected("2 of 9 pages", 2, "p0003: its scan is missing")
-    '2 of 9 pages were not inspected (the first p0003: its scan is missing)'
+    >>> not_inspected("2 of 9 pages", 2, "p0003: the scan is missing")
+    '2 of 9 pages were not inspected (the first p0003: the scan is missing)'
     >>> not_inspected("1 sheet", 1, "")
     '1 sheet was not inspected'
     """

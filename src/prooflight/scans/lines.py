@@ -19,8 +19,10 @@ BLOCK_LINES = 64
 
 
 LineFaultKind = Literal["lost-packets", "lost-blocks", "lost-triggers", "late-lines", "camera-away"]
-CAMERA_AWAY: Final = "the camera was away"
+CAMERA_AWAY: Final = "the camera was disconnected"
 """Beginning of every camera's message about lines missed while it was disconnected; the duration follows."""
+CAMERA_AWAY_BEFORE: Final = "the camera was away"
+"""The same in journals of earlier versions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -165,7 +165,8 @@ def console(
     part: Annotated[
         str,
         typer.Option(
-            help="live, beside, hour, pages, journeys or search; the others stay as measured. screens: pictures."
+            help="live, browsers, beside, hour, pages, journeys or search; the others stay as measured. "
+            "screens: pictures."
         ),
     ] = "live",
     press: Annotated[

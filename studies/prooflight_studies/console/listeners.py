@@ -1,6 +1,6 @@
 """Clients of the console, each noting when a sheet arrived.
 
-They are dozens of browsers' live connections, and one real browser.
+They are dozens of browsers' live connections, and real browsers.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ FLAGS: Final = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 COOKIE: Final = "prooflight"
+PATIENCE_MS: Final = 300_000
+"""Time for a page to open: fifty of them on two cores, next to other work."""
 WATCH: Final = """() => {
   window.seen = [];
   const shown = new Set();
@@ -30,11 +32,13 @@ WATCH: Final = """() => {
     for (const cell of document.querySelectorAll("#strip .unseen")) {
       if (!shown.has(cell.textContent)) { shown.add(cell.textContent); painted(Number(cell.textContent)); }
     }
-    if (document.querySelector(".band.stop") && !shown.has("stop")) { shown.add("stop"); painted("stop"); }
+    if (shown.has("alarm") || !document.querySelector(".band.look, .band.stop")) return;
+    shown.add("alarm");
+    painted("alarm");
   };
   new MutationObserver(look).observe(document.getElementById("main"), { childList: true, subtree: true });
 }"""
-"""Script that notes the time at which a frame with each sheet of the strip, and with the state `stop`, was drawn."""
+"""Script that notes the time at which a frame with each sheet of the strip, and with an alarm, was drawn."""
 
 
 class Listeners:
@@ -101,17 +105,20 @@ class Listeners:
             writer.close()
 
 
-class Window:
-    """The page Now in a real browser; ``seen`` afterwards.
+class Windows:
+    """The page Now in real browsers; ``seen`` afterwards.
 
-    Use it as a context; ``found`` says whether there is a browser.
+    Use it as a context; ``is_installed`` says whether there is a browser. Without one, no page is open.
     """
 
-    def __init__(self, address: str, session: str) -> None:
+    def __init__(self, address: str, session: str, *, browsers: int = 1, pages: int = 1) -> None:
+        """Create windows. pages: in each browser, each in a context of its own, as of another person."""
         self._address, self._session = address, session
+        self._browsers, self._each = browsers, pages
         self._started: Any = None
-        self.seen: dict[int | str, float] = {}
-        """Times at which a frame with each sheet, and the first with the state `stop`, were drawn; Unix time. [s]"""
+        self._pages: list[Any] = []
+        self.seen: list[dict[int | str, float]] = []
+        """For each page, Unix times at which a frame with each sheet, and the first with an alarm, were drawn. [s]"""
 
     @property
     def is_installed(self) -> bool:
@@ -122,25 +129,33 @@ class Window:
             return False
         return CHROMIUM.exists() and playwright is not None
 
-    def __enter__(self) -> Window:
+    def __enter__(self) -> Windows:
         if self.is_installed:
             from playwright.sync_api import sync_playwright
 
             self._started = sync_playwright().start()
-            self._browser = self._started.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
-            context = self._browser.new_context(reduced_motion="reduce")
-            context.add_cookies([{"name": COOKIE, "value": self._session, "url": self._address}])
-            self._page = context.new_page()
-            self._page.goto(self._address)
-            self._page.wait_for_selector(".band")
-            self._page.evaluate(WATCH)
+            for _ in range(self._browsers):
+                browser = self._started.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+                self._pages += [self._opened(browser) for _ in range(self._each)]
         return self
+
+    def _opened(self, browser: Any) -> Any:
+        context = browser.new_context(reduced_motion="reduce")
+        context.set_default_timeout(PATIENCE_MS)
+        context.add_cookies([{"name": COOKIE, "value": self._session, "url": self._address}])
+        page = context.new_page()
+        page.goto(self._address)
+        page.wait_for_selector(".band")
+        page.evaluate(WATCH)
+        return page
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._started is None:
             return
-        self.seen = dict(self._page.evaluate("window.seen"))
-        self._browser.close()
+        if error is None:
+            self.seen = [dict(page.evaluate("window.seen")) for page in self._pages]
+        for browser in {page.context.browser for page in self._pages}:
+            browser.close()
         self._started.stop()

@@ -203,7 +203,13 @@ def _row(run: int, sheet: int, good: str) -> tuple[Any, ...]:
         )
     elif drawn % 500 == 1:
         verdict = "not-inspected"
-        whole = json_text(Verdict(page=page, verdict="not-inspected", reason="the camera lost 7 lines of it"))
+        whole = json_text(
+            Verdict(
+                page=page,
+                verdict="not-inspected",
+                reason="lines 700 to 706 were lost: parts of block 3 did not arrive",
+            )
+        )
     facts = json.loads(whole)
     gains = {f"gain-{ink}": 0.001 * (drawn % 11) for ink in ("cyan", "black")} if sheet % 20 == 0 else {}
     disposition = {"good": "accept", "misprint": "stop", "not-inspected": "hold"}[verdict]

@@ -6,6 +6,7 @@ import math
 import os
 import tempfile
 import time
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ from prooflight_line.journal.records import PageRecord, RunFacts
 from prooflight_line.run.recording import COMMIT_S, Recorder
 from prooflight_studies.console.alongside import LoadPlan, measure_load
 from prooflight_studies.console.journeys import measure_journeys
-from prooflight_studies.console.listeners import Listeners, Window
+from prooflight_studies.console.listeners import Listeners, Windows
 from prooflight_studies.console.loads import measure_loads
 from prooflight_studies.console.searches import measure_searches
 from prooflight_studies.console.serving import (
@@ -37,14 +38,17 @@ from prooflight_studies.console.serving import (
 from prooflight_studies.harness.page import stored_results, write_page
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-PARTS: Final = ("live", "beside", "hour", "pages", "journeys", "search")
+PARTS: Final = ("live", "browsers", "beside", "hour", "pages", "journeys", "search")
 RATE_HZ: Final = 5.0
 """Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0
 QUICK_S: Final = 8.0
 CLIENTS, QUICK_CLIENTS = 50, 8
+BROWSERS_S: Final = 60.0
+BROWSERS, PAGES, QUICK_BROWSERS, QUICK_PAGES = 5, 10, 1, 2
+"""Number of browsers, and of pages in each."""
 FIRST_ALARM: Final = 40
 """Index in the watched part of the first misprint; then one in ``ALARM_EVERY``."""
 ALARM_EVERY: Final = 25
@@ -93,7 +97,7 @@ class ConsoleFigures:
     lost: tuple[str, ...]
     delays: tuple[Delay, ...]
     alarm_s: float | None
-    """Delay from the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
+    """Delay from the first misprint's verdict on the screen; None: no browser is installed."""
     cores: int
     load: float
     """Load of the machine, a core, when the study began: above 0.5 other programs were running."""
@@ -109,41 +113,25 @@ def run_console_study(
     load = os.getloadavg()[0] / (os.cpu_count() or 1)
     alone_s, watched_s = (QUICK_S, QUICK_S * 2) if quick else (ALONE_S, WATCHED_S)
     clients = QUICK_CLIENTS if quick else CLIENTS
-    with tempfile.TemporaryDirectory() as folder:
-        settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
-        secret = session(settings)
-        port = free_port()
-        progress("starting the console")
-        process = spawned(settings, Listening(port=port), ready=nothing)
-        try:
-            wait_until_it_answers(port)
-            with Journal.open(str(settings.journal)) as journal:
-                run = journal.begin_run(_facts(int(RATE_HZ * (alone_s + watched_s))))
-                with Recorder(journal, run) as recorder:
-                    press = _Press(recorder, pid=int(process.pid))
-                    progress(f"{alone_s:.0f} s without clients")
-                    alone = press.go_on(alone_s, alarms=False)
-                    progress(f"{clients} live pages and a browser open")
-                    address = f"http://{LOOPBACK}:{port}"
-                    with (
-                        Window(address, secret) as window,
-                        Listeners((LOOPBACK, port), session=secret, count=clients) as listeners,
-                    ):
-                        progress(f"{watched_s:.0f} s with {clients} live pages")
-                        watched = press.go_on(watched_s, alarms=True)
-                        time.sleep(AFTER_S)
-        finally:
-            process.terminate()
-            process.join()
+    progress("starting the console")
+    with _followed_press(alone_s + watched_s) as (press, port, secret):
+        progress(f"{alone_s:.0f} s without clients")
+        alone = press.go_on(alone_s, alarms=False)
+        progress(f"{clients} live pages and a browser open")
+        with (
+            Windows(f"http://{LOOPBACK}:{port}", secret) as window,
+            Listeners((LOOPBACK, port), session=secret, count=clients) as listeners,
+        ):
+            progress(f"{watched_s:.0f} s with {clients} live pages")
+            watched = press.go_on(watched_s, alarms=True)
+            time.sleep(AFTER_S)
     verdict_times = {number: at for number, at in press.verdict_times.items() if number >= alone.sheets}
     everybody = [(number, at) for number, times in listeners.seen.items() for at in times]
     delays = [_delay("live pages", verdict_times, everybody, times=clients)]
     alarm_s = None
     if window.seen:
-        drawn = [(number, at) for number, at in window.seen.items() if isinstance(number, int)]
-        delays.append(_delay("browser", verdict_times, drawn, times=1))
-        if "stop" in window.seen:
-            alarm_s = window.seen["stop"] - verdict_times[alone.sheets + FIRST_ALARM]
+        delays.append(_delay("browser", verdict_times, _drawn(window), times=1))
+        alarm_s = _alarm_s(window, verdict_times[alone.sheets + FIRST_ALARM])
     figures = ConsoleFigures(
         alone=alone,
         watched=watched,
@@ -163,6 +151,35 @@ def run_console_study(
     return figures
 
 
+def measure_browsers(*, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Measure the delay from a verdict to the frame in many pages of real browsers. RequestError: none is installed."""
+    browsers, pages = (QUICK_BROWSERS, QUICK_PAGES) if quick else (BROWSERS, PAGES)
+    seconds = 2 * QUICK_S if quick else BROWSERS_S
+    progress("starting the console")
+    with _followed_press(seconds) as (press, port, secret):
+        progress(f"{browsers} browsers with {pages} pages each open")
+        with Windows(f"http://{LOOPBACK}:{port}", secret, browsers=browsers, pages=pages) as windows:
+            if not windows.is_installed:
+                remedy = "apt install chromium"
+                raise RequestError(
+                    "--part browsers", "Chromium or Playwright is not installed", remedy=remedy
+                )
+            progress(f"{seconds:.0f} s with {browsers * pages} pages")
+            load = press.go_on(seconds, alarms=True)
+            time.sleep(AFTER_S)
+    delay = _delay("browser", press.verdict_times, _drawn(windows), times=browsers * pages)
+    return {
+        "browsers": browsers,
+        "pages": pages,
+        "seconds": seconds,
+        "delay": asdict(delay),
+        "console": asdict(load),
+        "alarm_s": _alarm_s(windows, press.verdict_times[FIRST_ALARM]),
+        "bound_s": ALARM_S,
+        "quick": quick,
+    }
+
+
 def run_console_part(
     results: Path,
     part: str,
@@ -172,7 +189,7 @@ def run_console_part(
     progress: Callable[[str], None],
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Measure ``beside``, ``hour``, ``pages``, ``journeys`` or ``search`` and keep the others.
+    """Measure ``browsers``, ``beside``, ``hour``, ``pages``, ``journeys`` or ``search`` and keep the others.
 
     plan: what is measured in ``beside`` and ``hour``; None for the others. seed: of ``journeys``.
     RequestError: the rest was never measured.
@@ -183,6 +200,8 @@ def run_console_part(
         raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
     if plan is not None:
         figures = measure_load(plan, progress=progress)
+    elif part == "browsers":
+        figures = measure_browsers(quick=quick, progress=progress)
     elif part == "search":
         figures = measure_searches(quick=quick, progress=progress)
     else:
@@ -194,6 +213,24 @@ def run_console_part(
     figures |= {"cores": cores, "load": os.getloadavg()[0] / cores}
     write_page(results / "console.md", "console", stored | {part: figures})
     return figures
+
+
+@contextmanager
+def _followed_press(seconds: float) -> Iterator[tuple[_Press, int, str]]:
+    """Serve a console that follows a press; gives the press, the console's port, and a session of a viewer."""
+    with tempfile.TemporaryDirectory() as folder:
+        settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
+        secret, port = session(settings), free_port()
+        process = spawned(settings, Listening(port=port), ready=nothing)
+        try:
+            wait_until_it_answers(port)
+            with Journal.open(str(settings.journal)) as journal:
+                run = journal.begin_run(_facts(int(RATE_HZ * seconds)))
+                with Recorder(journal, run) as recorder:
+                    yield _Press(recorder, pid=int(process.pid)), port, secret
+        finally:
+            process.terminate()
+            process.join()
 
 
 class _Press:
@@ -229,6 +266,18 @@ class _Press:
             sheets=count,
             record_ms=1000 * longest,
         )
+
+
+def _drawn(windows: Windows) -> list[tuple[int, float]]:
+    """Return number and time of each sheet that was drawn, in every page."""
+    return [(number, at) for seen in windows.seen for number, at in seen.items() if isinstance(number, int)]
+
+
+def _alarm_s(windows: Windows, verdict_s: float) -> float | None:
+    """Return the delay of the alarm in the last of all pages; None: a page did not show it."""
+    if not all("alarm" in seen for seen in windows.seen):
+        return None
+    return max(seen["alarm"] for seen in windows.seen) - verdict_s
 
 
 def _delay(who: str, verdict_times: dict[int, float], seen: list[tuple[int, float]], *, times: int) -> Delay:

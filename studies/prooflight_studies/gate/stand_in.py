@@ -172,7 +172,7 @@ def _verdict(sheet: PlannedSheet) -> Verdict:
     if sheet.kind in ("misprint", "unknown", "false-alarm"):
         return Verdict(page=page, verdict="misprint", kind="streak", detector="stand-in")
     if sheet.kind == "late":
-        return Verdict.skipped(page, "its verdict would have come too late")
+        return Verdict.skipped(page, "the verdict would have been late")
     return Verdict(page=page, verdict="good", detector="stand-in")
 
 

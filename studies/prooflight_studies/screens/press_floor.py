@@ -83,7 +83,7 @@ JOBS: Final = (
         40,
         "Stadttheater",
         "rejected",
-        "page 1 is 841 x 1189 mm, wider than this press; order it in a size that fits",
+        "page 1: is 841.0 x 1189.0 mm; this press sees 328.4 mm across; build a press with more pixels",
     ),
 )
 """File, number, name, copies and customer of each job, its stage, and why it was rejected."""

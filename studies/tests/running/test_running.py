@@ -142,9 +142,9 @@ def sheet(verdict: str, *, late: bool = False, reason: str = "") -> dict[str, An
 
 
 def test_sheets_of_which_nothing_was_reported_are_not_inspected() -> None:
-    slow = [sheet("not-inspected", reason="too many sheets waited")] * 2
+    slow = [sheet("not-inspected", reason="too many sheets were waiting for inspection")] * 2
     row = counted([sheet("good"), sheet("misprint", late=True), *slow], sheets=5)
-    assert row["reasons"] == {"too many sheets waited": 2, "no verdict": 1}
+    assert row["reasons"] == {"too many sheets were waiting for inspection": 2, "no verdict": 1}
     assert (row["sheets"], row["late"], row["not_inspected"]) == (5, 1, 3)
     assert not sustained(row)
     assert not sustained(counted([sheet("good", late=True)], sheets=1))

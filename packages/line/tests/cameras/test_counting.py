@@ -154,7 +154,7 @@ def test_triggers_passed_over_make_their_block_doubtful_and_move_the_count() -> 
 def test_after_a_restart_the_count_goes_on_from_where_it_was() -> None:
     counter = LineCounter(name="cam")
     before = counted(counter, grab(0), grab(1))
-    counter.restarted(lines=1000, why="the camera was away for 0.4 s")
+    counter.restarted(lines=1000, why="the camera was disconnected for 0.4 s")
     after = counted(counter, grab(0, block_id=1, triggers=8))
     assert [block.first_line for block in before + after] == [0, 8, 1016]
     (fault,) = after[0].faults

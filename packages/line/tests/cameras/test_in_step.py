@@ -128,7 +128,7 @@ def test_a_camera_that_is_known_to_be_away_is_not_waited_for() -> None:
     for sensor in (0, 1):
         for block in counters[sensor].take(grab(0, sensor=sensor)):
             blocks += step.add(sensor, block)
-    blocks += step.away(1, "it sends no lines")
+    blocks += step.away(1, "the camera sends no lines")
     for place in range(1, 4):
         for block in counters[0].take(grab(place)):
             blocks += step.add(0, block)

@@ -117,7 +117,7 @@ def test_a_run_with_a_gate_from_the_drum_to_the_reprint_list(
     assert {one["run_sheet"] for one in reprints} == wanted
     capsys.readouterr()
     assert run(arguments) == 0
-    assert "a misprint" in capsys.readouterr().out
+    assert "misprint" in capsys.readouterr().out
 
 
 def test_a_duplex_run_with_a_gate_decides_each_sheet_when_its_back_was_seen(

@@ -377,7 +377,7 @@ def test_a_pipe_that_breaks_off_keeps_what_came_and_ends_with_3(
     )  # fmt: skip
     assert code == 3
     assert [row["verdict"] for row in rows] == ["misprint", "not-inspected"]  # darkness is no page of the job
-    assert rows[1]["reason"] == "a sheet that is no page of the job came in its place"
+    assert rows[1]["reason"] == "a sheet that is no page of the job came instead of the page"
     assert "whole lines" in said
     assert "3 of 3 sheets did not come" in said
     assert said.count("\n") == 1

@@ -53,7 +53,9 @@ def whole_run(heard: Heard) -> list[Event]:
     told.noticed(Notice(kind="camera-back", text="the camera is back after 3 s"))
     for n in range(10, 50):
         told.observe(outcome(n, MISPRINT))
-    told.observe(outcome(50, Verdict.skipped("p0051", "it has not come"), came=False, faults=("missing",)))
+    told.observe(
+        outcome(50, Verdict.skipped("p0051", "it was not detected"), came=False, faults=("missing",))
+    )
     told.observe(outcome(51, replace(GOOD, promise_suspended=True), late=True))
     told.ended("finished")
     return heard.all

@@ -143,7 +143,7 @@ def test_every_sheet_is_a_result_with_its_event_in_it(server: tuple[OpcUa, Outle
         stream.started(FACTS)
         stream.observe(outcome(0))
         stream.observe(outcome(1, MISPRINT))
-        stream.observe(outcome(2, Verdict.skipped("p0003", "too many sheets waited")))
+        stream.observe(outcome(2, Verdict.skipped("p0003", "too many sheets were waiting for inspection")))
         found = [await client.next() for _ in range(3)]
         sheets = [parsed(one.ResultContent[0]) for one in found]
         assert [one.body.sheet for one in sheets] == [0, 1, 2]

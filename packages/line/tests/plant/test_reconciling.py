@@ -73,10 +73,14 @@ def test_a_sheet_that_the_run_does_not_know_is_unseen_or_wrong() -> None:
 
 
 def test_a_row_without_a_tag_is_of_the_sheet_that_was_expected_there() -> None:
-    where = [tray(1, "good"), tray(0, "reject", at=3210, why="nobody there"), tray(3, "good", at=6000)]
+    where = [
+        tray(1, "good"),
+        tray(0, "reject", at=3210, why="no signal from Prooflight"),
+        tray(3, "good", at=6000),
+    ]
     found = reconciled([page(0), page(1), page(2)], kept(1, 1, 1), where)
     assert [one.account for one in found.sheets] == ["accepted", "lost", "accepted"]
-    assert found.lost_by == {"nobody there": 1}
+    assert found.lost_by == {"no signal from Prooflight": 1}
 
 
 def test_sheets_between_two_that_are_known_are_counted_where_all_went_one_way() -> None:

@@ -226,7 +226,7 @@ SHEETS = [
 def test_what_is_not_in_the_good_tray_is_printed_again_and_says_where_it_goes() -> None:
     assert [(one.copy, one.number, one.behind, one.why) for one in by_trays(SHEETS).sheets] == [
         (1, 2, "p0001", "a misprint"),
-        (1, 4, "p0003", "no sheet of it was seen"),
+        (1, 4, "p0003", "no sheet with this page was detected"),
         (2, 1, "p0003", "too late"),
         (2, 2, "p0003", UNCONFIRMED),
     ]
@@ -252,7 +252,7 @@ def test_where_the_gate_is_an_output_that_names_no_tray_what_was_accepted_in_tim
 
 def test_a_misprint_in_the_good_tray_is_taken_out_and_printed_again() -> None:
     (one,) = by_trays([accounted(0, "wrong", "divert", "a misprint"), accounted(1, "accepted")]).sheets
-    assert (one.run_sheet, one.take_out, one.why) == (0, True, "a misprint; it lies in the good tray")
+    assert (one.run_sheet, one.take_out, one.why) == (0, True, "a misprint; the sheet is in the good tray")
 
 
 def test_a_sheet_of_which_the_two_logs_name_different_trays_is_printed_again() -> None:
@@ -265,7 +265,7 @@ def test_a_spoiled_set_is_printed_again_as_a_whole_and_what_lies_in_the_good_tra
     sheets += [accounted(page, "accepted") for page in (2, 3)]
     found = by_trays(sheets, pages_a_set=2).sheets
     assert [(one.run_sheet, one.take_out, one.why) for one in found] == [
-        (0, True, "its set is printed again"),
+        (0, True, "the set is reprinted as a whole"),
         (1, False, "a misprint"),
     ]
 

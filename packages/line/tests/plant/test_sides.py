@@ -117,4 +117,4 @@ def test_all_sides_are_accounted_for_by_their_sheets_and_printed_again_as_sheets
     ]
     (again,) = listed(pages, gate=(kept, found), sheets=2 * SHEETS).sheets[:1]
     assert (again.run_sheet, again.copy, again.number, again.pages) == (1, 1, 2, (3, 4))
-    assert (again.page, again.behind, again.why) == ("s0002", "s0001", "a misprint")
+    assert (again.page, again.behind, again.why) == ("s0002", "s0001", "the sheet is a misprint")

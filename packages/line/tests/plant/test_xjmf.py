@@ -114,7 +114,7 @@ def test_a_box_is_measured_from_the_lower_left() -> None:
     [
         (GOOD, "1", 0),
         (replace(MISPRINT, regions=()), "0", 1),
-        (Verdict.skipped("p0003", "too many sheets waited"), None, None),
+        (Verdict.skipped("p0003", "too many sheets were waiting for inspection"), None, None),
     ],
 )
 def test_what_passed_what_failed_and_what_nobody_looked_at(

@@ -93,7 +93,7 @@ def test_the_same_cause_is_of_one_kind_at_one_place(one: Region, other: Region, 
 @pytest.mark.parametrize(
     ("told", "kind"),
     [
-        (record(3, Verdict.skipped("p0004", "too many sheets waited")), "not-inspected"),
+        (record(3, Verdict.skipped("p0004", "too many sheets were waiting for inspection")), "not-inspected"),
         (
             record(3, Verdict.skipped("p0004", "pages 2 to 4 did not come"), faults=("missing",)),
             "missing-page",
@@ -105,7 +105,9 @@ def test_the_same_cause_is_of_one_kind_at_one_place(one: Region, other: Region, 
                 3,
                 Verdict.skipped("p0004", "lost"),
                 faults=("lost-lines",),
-                notes=("lines lost: about 90 lines from 4 on were lost: the camera was away for 3.1 s",),
+                notes=(
+                    "lines lost: about 90 lines from 4 on were lost: the camera was disconnected for 3.1 s",
+                ),
             ),
             "camera-gone",
         ),
@@ -130,7 +132,7 @@ def test_reasons_that_differ_in_numbers_are_one_cause() -> None:
     records = [
         record(0, Verdict.skipped("p0001", light.format(0.70, 2000))),
         record(1, Verdict.skipped("p0002", light.format(0.71, 2031))),
-        record(2, Verdict.skipped("p0003", "too many sheets waited")),
+        record(2, Verdict.skipped("p0003", "too many sheets were waiting for inspection")),
     ]
     assert [one.count for one in incidents_of(records)] == [2, 1]
 

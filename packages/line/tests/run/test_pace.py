@@ -40,7 +40,7 @@ def test_what_is_not_inspected_for_another_reason_is_no_overload() -> None:
 
 
 def test_the_last_hundred_sheets_count() -> None:
-    late = [record(sheet, slow("too many sheets waited")) for sheet in range(89)]
+    late = [record(sheet, slow("too many sheets were waiting for inspection")) for sheet in range(89)]
     good = [record(sheet, GOOD) for sheet in range(89, 100)]
     assert overload(late + good) == (89, 100)
     assert overload([record(sheet, GOOD) for sheet in range(60)] + late[:40]) == (40, 100)

@@ -464,7 +464,7 @@ def test_a_wrong_page_that_shows_a_later_one_does_not_move_the_run_to_there(job:
     assert due == list(range(1, len(due) + 1))
     assert missing_of(found) == [2]
     assert [fault.detail for page in found if isinstance(page, MissingPage) for fault in page.faults] == [
-        f"a sheet that shows page {wrong + 1} came in its place"
+        f"a sheet that shows page {wrong + 1} came instead of the page"
     ]
 
 
@@ -580,7 +580,7 @@ def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by
                 kind="camera-away",
                 first_line=block.first_line,
                 lines=block.lines.shape[1],
-                detail="camera B, sensor 2: it sends no lines",
+                detail="camera B, sensor 2: the camera sends no lines",
                 sensor=1,
             )
             lines = block.lines.copy()
@@ -599,7 +599,7 @@ def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by
         assert {run.sensor for run in sheet.unseen} == ({1} if 1 <= number <= 4 else set())
         assert (share > 0.99) == (number in (2, 3))
         details = {fault.detail for fault in sheet.faults}
-        assert details == ({"camera B, sensor 2: it sends no lines"} if 1 <= number <= 4 else set())
+        assert details == ({"camera B, sensor 2: the camera sends no lines"} if 1 <= number <= 4 else set())
         assert len(sheet.faults) <= 1
 
 
@@ -614,7 +614,7 @@ def away(job: Job, first: float, last: float, *, restart: int = 0) -> list[LineB
         kind="camera-away",
         first_line=before.next_line,
         lines=due - before.next_line,
-        detail="the camera was away",
+        detail="the camera was disconnected",
     )
     moved = [replace(block, first_line=block.first_line + restart) for block in kept[back:]]
     return [*kept[:back], replace(moved[0], faults=(lost,)), *moved[1:]]
@@ -634,7 +634,7 @@ def test_sheets_that_pass_while_the_camera_is_away_are_named_and_no_other(job: J
     ]
     assert [page.job_page for page in found if isinstance(page, MissingPage)] == [3, 4, 5]
     assert {fault.detail for page in found if isinstance(page, MissingPage) for fault in page.faults} == {
-        "the camera gave no lines when it passed"
+        "the camera delivered no lines while the sheet passed"
     }
     assert {fault.kind for page in came for fault in page.faults} == {"lost-lines"}
     assert all(page.unseen == () for page in came if not page.torn)
@@ -706,7 +706,7 @@ def test_a_camera_that_is_away_between_sheets_tears_none(job: Job) -> None:
     between = sum(scan.shape[1] for scan in scans[:4]) - 150
     back = next(n for n, block in enumerate(blocks) if block.first_line >= between)
     lost = LineFault(
-        kind="camera-away", first_line=blocks[back].first_line, lines=5, detail="the camera was away"
+        kind="camera-away", first_line=blocks[back].first_line, lines=5, detail="the camera was disconnected"
     )
     anew = [replace(block, first_line=block.first_line + 5) for block in blocks[back:]]
     found = job.paged([*blocks[:back], replace(anew[0], faults=(lost,)), *anew[1:]])

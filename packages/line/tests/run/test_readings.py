@@ -201,7 +201,7 @@ def test_a_wrong_page_at_the_very_end_leaves_nothing_to_come() -> None:
     run = Run(5)
     for sheet in [*in_order(0, 1, 2, 3), Came(1)]:
         run.come(sheet)
-    assert run.readings.ended() == [(4, "a sheet that shows page 2 came in its place")]
+    assert run.readings.ended() == [(4, "a sheet that shows page 2 came instead of the page")]
     assert run.readings.best.due == 5
 
 

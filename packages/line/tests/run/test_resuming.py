@@ -13,7 +13,7 @@ from prooflight_line.run.sheets.readings import UNSEEN, UNWATCHED
 
 
 def missing(sheet: int, page: int) -> Any:
-    verdict = Verdict.skipped(f"p{page + 1:04}", f"page {page + 1} has not come")
+    verdict = Verdict.skipped(f"p{page + 1:04}", f"page {page + 1} was not detected")
     return good(sheet, job_page=page, verdict=verdict, faults=("missing",))
 
 

@@ -193,7 +193,7 @@ def test_a_sheet_like_none_is_no_misprint_where_it_may_be_the_torn_page() -> Non
     run = run_of(Book(20, {2: TORN}), odd={4: like_nothing(), 18: like_nothing()})
     assert (run.words()[4], run.words()[18]) == ("not-inspected", "misprint")
     assert run.told[4].record.verdict.reason.startswith(
-        "it is like no page that can be used, and may be p0003"
+        "the sheet matches no prepared page, but may show p0003"
     )
     assert str(TORN) in run.told[4].record.verdict.reason
 
@@ -303,7 +303,7 @@ def test_designs_that_lag_are_looked_for_as_far_ahead_as_sheets_have_come(
     late = {number: seen(None, taken_for=2) for number in (2, 3)} | {5: seen(None, taken_for=5)}
     run = run_of(Book(6), odd=late)
     assert run.words() == ["good", "good", "not-inspected", "not-inspected", "good", "not-inspected"]
-    assert run.reasons() == ["its design was not ready in time"] * 3
+    assert run.reasons() == ["the page was not prepared in time"] * 3
     at_the_start = 0
     assert expected == [at_the_start, 0, 1, 2 + 1, 2 + 2, 4, 5 + 1]
 

@@ -67,7 +67,9 @@ def journal_of_run(press: Press, page: Page, tmp_path_factory: pytest.TempPathFa
             inspection = inspector.inspect(prepared, scan.dn, scan_name="scan")
             evidence = evidence_to_store(inspection, prepared.page, inspector.press)
             journal.record(run, _record(sheet, inspection.verdict, evidence=evidence))
-        lost = Verdict(page="p0003", verdict="not-inspected", reason="too many sheets waited")
+        lost = Verdict(
+            page="p0003", verdict="not-inspected", reason="too many sheets were waiting for inspection"
+        )
         journal.record(run, _record(2, lost))
         journal.end_run(run, RunEnd(ended_s=1.7e9 + 60, ending="finished", detail="a remark"))
         key = run_key(journal.run(run))

@@ -32,6 +32,7 @@ def report_of(journal: Path, language: str) -> bytes:
                 "Misprints",
                 "in 1 incident",
                 "misprint, Jörg",
+                "too many sheets were waiting for inspection",
                 "Page 1 of",
                 "a font is missing",
             ),
@@ -43,6 +44,7 @@ def report_of(journal: Path, language: str) -> bytes:
                 "Fehldrucke",
                 "in 1 Ereignis",
                 "Fehldruck, Jörg",
+                "zu viele Bogen warteten auf die Prüfung",
                 "Seite 1 von",
                 "Unterschrift",
             ),
@@ -59,7 +61,6 @@ def test_a_report_states_the_run(journal_of_run: Path, language: str, stated: tu
     assert sizes == {(595, 842)}
     for one in (
         "\\u5de5 Ω <job> & Söhne.pdf",
-        "too many sheets waited",
         "seen on paper",
         "a remark",
         *stated,

@@ -215,7 +215,7 @@ def reason_for(
         case "banding":
             return f"bands across the page{_in(ink, distinct)}"
         case "unknown" if not registration.located:
-            why = registration.reason or "its tiles are at different positions"
+            why = registration.reason or "parts of the page are at different positions"
             return f"the position of the page cannot be determined: {why}"
     what = {
         "spots-voids": "spot" if _darker(statistic) else "void",

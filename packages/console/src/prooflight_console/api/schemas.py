@@ -444,7 +444,7 @@ class NowAnswer(Answer):
     run: RunAnswer | None
     cause: int | None
     start: dict[str, Any] | None = Field(
-        description="Stage of a start, its steps done and in total, and the seconds left; null: nothing starts."
+        description="Stage of a start, its part, steps done and in total, and the seconds left; null: nothing starts."
     )
     stopping: str | None = Field(
         description="Person who requested the end of the run, which continues until then."

@@ -94,13 +94,18 @@ def _prepare(job: Path, press: Path, start_file: StartFile) -> None:
         with JobSource(path=job, dpi=1.0).open() as opened:
             sizes = opened.page_sizes_mm
         start_file.write(Start(stage="press"))
+
+        def noted(part: str) -> None:
+            say(part)
+            start_file.write(Start(stage="press", part=part))
+
         built = demo_press(
             sizes,
             world="press",
             seed=SEED,
-            progress=say,
+            progress=noted,
             shown=lambda days, total, what: start_file.noted(
-                show.progress(iter(days), total=total, what=what), total=total, stage="press"
+                show.progress(iter(days), total=total, what=what), total=total, stage="press", part=what
             ),
         )
         built.save(press)

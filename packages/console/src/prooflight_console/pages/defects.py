@@ -30,7 +30,7 @@ def incident_text(
     """Describe an incident by one of its sheets; without ``verdict`` and ``sheet`` by its last one."""
     if incident.kind in NO_MISPRINT:
         title = t.named("kind", incident.kind)
-        return DefectText(title=title, what=incident.reason, where="", sheets="", certainty="")
+        return DefectText(title=title, what=t.sentence(incident.reason), where="", sheets="", certainty="")
     span = SheetSpan(
         first=incident.first_sheet,
         last=incident.last_sheet,

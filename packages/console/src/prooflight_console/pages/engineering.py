@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
@@ -35,8 +36,9 @@ if TYPE_CHECKING:
 
 router = APIRouter(include_in_schema=False)
 
+MOST_CENTS: Final = 1e9
 Digest = Annotated[str, Form(pattern=r"^[0-9a-f]{64}$")]
-Cents = Annotated[float | None, Form(gt=0, le=1e9, allow_inf_nan=False)]
+Cents = Annotated[str | None, Form(max_length=20)]
 ThresholdStep = Annotated[int, Query(ge=-STEPS, le=STEPS)]
 
 
@@ -143,8 +145,8 @@ def begin(
         job=job_path,
         scans=scans,
         press_file=state.settings.press_file,
-        false_alarm_cents=false_alarm_cents,
-        missed_misprint_cents=missed_misprint_cents,
+        false_alarm_cents=_cents("false_alarm_cents", false_alarm_cents),
+        missed_misprint_cents=_cents("missed_misprint_cents", missed_misprint_cents),
         digests=frozenset(digests),
     )
     state.work.begin(request_, by=who.name)
@@ -169,6 +171,20 @@ def _versions(state: Console) -> PressVersions:
     if state.work.versions is None:
         raise Problem(409, "no-press", "start the console with --press")
     return state.work.versions
+
+
+def _cents(name: str, text: str | None) -> float | None:
+    """Return a cost as typed, with a decimal point or comma; Problem 422: it is none."""
+    if text is None:
+        return None
+    try:
+        cents = float(text.strip().replace(",", "."))
+    except ValueError:
+        cents = math.nan
+    if not 0 < cents <= MOST_CENTS:
+        what = f"{name}: {text.strip()!r} is not a cost; give an amount in cents above 0, such as 0.01"
+        raise Problem(422, "cost", what)
+    return cents
 
 
 def _learnable(state: Console) -> list[tuple[Any, Any]]:

@@ -9,6 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from prooflight.reporting.defect_phrases import KINDS
+from prooflight.reporting.sentences import Sentences, reasons
 
 if TYPE_CHECKING:
     from prooflight.reporting.defect_phrases import Code
@@ -39,6 +40,10 @@ class Language:
         """Return the text of an item of a group (``kind``, ``action``, ...), or its name if untranslated."""
         return self._words.get(f"{group}.{name or 'none'}", str(name))
 
+    def sentence(self, text: str) -> str:
+        """Return a reason, a message of an error or a subject of the audit trail in this language, if it has it."""
+        return _sentences().of(text, self.code)
+
     def count(self, key: str, number: int, **values: Any) -> str:
         """Return a number and its noun: ``KEY.one`` or ``KEY.many``, with other values inserted."""
         text = self._words[f"{key}.one" if number == 1 else f"{key}.many"]
@@ -55,9 +60,9 @@ class Language:
         text = f"{value:,.{digits}f}"
         return text if self.code == ENGLISH else text.translate(str.maketrans(",.", "\u202f,"))
 
-    def exact(self, value: float) -> str:
+    def exact(self, value: float, digits: int = 6) -> str:
         """Return a number with the digits that it has, six at most."""
-        text = f"{value:g}"
+        text = f"{value:.{digits}g}"
         return text if self.code == ENGLISH else text.replace(".", ",")
 
     def keys(self) -> set[str]:
@@ -71,6 +76,12 @@ class Language:
             for key, words in self._words.items()
             if key.startswith(beginning)
         }
+
+
+@cache
+def _sentences() -> Sentences:
+    own = Sentences.read("prooflight_console.pages", "languages/messages.json")
+    return Sentences((*own.rows, *reasons().rows))
 
 
 @cache

@@ -133,7 +133,7 @@ def quality(
             continue
         part[verdict.verdict] += 1
         if verdict.verdict == "not-inspected":
-            reasons[_NUMBERS.sub("…", verdict.reason)[:160]] += 1
+            reasons[_NUMBERS.sub("…", verdict.reason)[:1000]] += 1
         else:
             label = label_of(page.sheet)
             unanswered += label is None or label.word == UNKNOWN

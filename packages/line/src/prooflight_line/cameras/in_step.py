@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MOST_LAG: Final = 4096
 """Greatest lag of a camera before the others go on without it: 1.5 s of the prototype's, 16 MB a sensor of
 2048 pixels. [lines]"""
-SILENT: Final = "it sends no lines while the other cameras do"
+SILENT: Final = "the camera sends no lines while the other cameras do"
 UNCOUNTED: Final = (
     "it is connected again, but reports no count of triggers, so the places of its lines are unknown"
 )
@@ -215,7 +215,7 @@ class InStep:
         lane.faults = later
         why = self._why[lane.camera]
         kind: LineFaultKind = "camera-away" if why else "lost-blocks"
-        detail = f"{self._names[lane.camera]}, sensor {place + 1}: {why or 'its lines were not delivered'}"
+        detail = f"{self._names[lane.camera]}, sensor {place + 1}: {why or 'the lines were not delivered'}"
         for first, after in runs(~named):
             yield LineFault(
                 kind=kind,

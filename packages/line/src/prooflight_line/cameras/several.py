@@ -140,7 +140,7 @@ class SeveralCameras:
             if isinstance(what, Exception):
                 raise what
             if isinstance(what, str):
-                yield from step.away(number, "it sends no lines")
+                yield from step.away(number, "the camera sends no lines")
             elif place is not None:
                 yield from step.add(number, what, ahead=start.ahead(number, what, place), counted=place.exact)
             now = frozenset(step.silent)

@@ -41,6 +41,8 @@ class Start:
     """Number of steps; 0: unknown."""
     left_s: float | None = None
     """Time that the rest of the stage takes at the speed so far; None: unknown. [s]"""
+    part: str = ""
+    """Part of the stage, as commands report it; empty: it has none."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -63,7 +65,7 @@ class StartFile:
     def write(self, start: Start) -> None:
         """Write a stage; a folder that cannot be written is no reason not to start."""
         self._written_s = self.clock()
-        facts = {name: getattr(start, name) for name in ("stage", "done", "total", "left_s")}
+        facts = {name: getattr(start, name) for name in ("stage", "done", "total", "left_s", "part")}
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file.write(facts | {"pid": os.getpid()})
@@ -73,14 +75,14 @@ class StartFile:
         if self.clock() - self._written_s >= EVERY_S:
             self.write(start)
 
-    def noted(self, items: Iterable[Item], *, total: int, stage: str) -> Iterator[Item]:
+    def noted(self, items: Iterable[Item], *, total: int, stage: str, part: str = "") -> Iterator[Item]:
         """Yield the items of a stage, and write how many are done and how long the others take."""
         begun_s = self.clock()
-        self.write(Start(stage=stage, total=total))
+        self.write(Start(stage=stage, total=total, part=part))
         for done, item in enumerate(items):
             if done:
                 left_s = (self.clock() - begun_s) / done * (total - done)
-                self.write_at_times(Start(stage=stage, done=done, total=total, left_s=left_s))
+                self.write_at_times(Start(stage=stage, done=done, total=total, left_s=left_s, part=part))
             yield item
 
     def read(self) -> Start | None:
@@ -97,7 +99,7 @@ class StartFile:
             return None
         numbers = (start.done, start.total, start.left_s or 0.0)
         sound = start.stage in STAGES and all(isinstance(n, int | float) and 0 <= n < 1e9 for n in numbers)
-        return start if sound else None
+        return start if sound and isinstance(start.part, str) else None
 
     def clear(self) -> None:
         """Remove the file, as the run has started or ended."""

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from prooflight_line.plant.gate.log import LoggedDecisions
     from prooflight_line.plant.gate.reconciling import Accounted, Reconciliation, TraySource
 
-NEVER: Final = "no sheet of it was seen"
-NOT_PRINTED: Final = "the run ended before it was printed"
-UNCONFIRMED: Final = "accepted, but the controller never said that it lies in the good tray"
-CONTESTED: Final = "the controller named two trays"
-NOT_SEEN_WHOLE: Final = "not all of it was seen"
-TAKE_OUT: Final = "it lies in the good tray"
-OF_ITS_SET: Final = "its set is printed again"
+NEVER: Final = "no sheet with this page was detected"
+NOT_PRINTED: Final = "the run ended before the sheet was printed"
+UNCONFIRMED: Final = "the sheet was accepted, but the controller did not confirm it in the good tray"
+CONTESTED: Final = "the controller reported two trays"
+NOT_SEEN_WHOLE: Final = "the sheet was not captured completely"
+TAKE_OUT: Final = "the sheet is in the good tray"
+OF_ITS_SET: Final = "the set is reprinted as a whole"
 NO_END: Final = 2**62
 """Number of sheets of a run whose length is not stated."""
 Source = Literal["verdicts", "trays"]

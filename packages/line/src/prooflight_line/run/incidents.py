@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.detectors.disposition import gravest
 from prooflight.inspection.common_cause import COLUMN_KINDS, NEAR_MM, SHEET_KINDS
-from prooflight.scans.lines import CAMERA_AWAY
+from prooflight.scans.lines import CAMERA_AWAY, CAMERA_AWAY_BEFORE
 from prooflight_line.run.monitor.run import LEAST_PAGES, SLOPE_SDS
 from prooflight_line.run.places import around, gap_mm, place_text
 
@@ -161,7 +161,7 @@ def causes_of(record: PageRecord) -> tuple[Cause, ...]:
     if record.faults == ("missing",) and verdict.verdict == "not-inspected":
         return (Cause(kind=MISSING, scope="run"),)
     if "lost-lines" in record.faults:
-        camera_away = any(CAMERA_AWAY in note for note in record.notes)
+        camera_away = any(away in note for note in record.notes for away in (CAMERA_AWAY, CAMERA_AWAY_BEFORE))
         return (Cause(kind=CAMERA_GONE if camera_away else LOST_LINES, scope="run"),)
     if verdict.verdict == "not-inspected":
         return (Cause(kind=NOT_INSPECTED, scope="run", key=_NUMBERS.sub("#", verdict.reason)[:200]),)

@@ -13,10 +13,16 @@ if TYPE_CHECKING:
 
     from prooflight_line.journal.records import PageRecord
 
-NO_ROOM: Final = "too many sheets waited"
-TOO_LATE: Final = "its verdict would have come too late"
-NOT_READY: Final = "its design was not ready in time"
-OUT_OF_TIME: Final = frozenset({NO_ROOM, TOO_LATE, NOT_READY})
+NO_ROOM: Final = "too many sheets were waiting for inspection"
+TOO_LATE: Final = "the verdict would have been late"
+NOT_READY: Final = "the page was not prepared in time"
+EARLIER: Final = (
+    "too many sheets waited",
+    "its verdict would have come too late",
+    "its design was not ready in time",
+)
+"""The same reasons in journals of earlier versions."""
+OUT_OF_TIME: Final = frozenset({NO_ROOM, TOO_LATE, NOT_READY, *EARLIER})
 """Reasons of sheets that were not inspected because inspection did not keep pace."""
 RECENT: Final = 100
 """Number of recent sheets that decide about overload."""

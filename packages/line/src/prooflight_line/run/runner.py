@@ -425,7 +425,7 @@ class Running:
         """Return why a sheet may show a page that cannot be used; empty: no page that may come is such."""
         for page in range(max(next_page - DOUBTED, 0), next_page + DOUBTED):
             if self._unknown(page) and (why := self._why_unusable(page)):
-                return f"it is like no page that can be used, and may be {self._name(page)}: {why}"
+                return f"the sheet matches no prepared page, but may show {self._name(page)}: {why}"
         return ""
 
     def _inspect_all(self) -> None:
@@ -477,7 +477,7 @@ class Running:
             )
             done = self._outcome(sheet, result, used, times)
         except Exception as error:
-            why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
+            why = f"the sheet could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
             return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page))
         self.tally.took("inspect", decided_s - begun_s)
         self.tally.took("verdict", decided_s - sheet.arrived_s)

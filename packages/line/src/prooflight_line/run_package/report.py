@@ -26,6 +26,7 @@ from reportlab.platypus import (
 from prooflight import __version__
 from prooflight.reporting.defect_phrases import KINDS
 from prooflight.reporting.defect_text import SheetSpan, describe
+from prooflight.reporting.sentences import reason
 from prooflight_line.run_package import report_style as style
 from prooflight_line.run_package.report_drawings import Bars, Locator, Picture, Timeline
 from prooflight_line.run_package.report_facts import kind_of, report_facts
@@ -333,11 +334,11 @@ def _others(facts: ReportFacts, say: ReportTexts) -> list[Any]:
         [style.text(say("others.kind"), "column"), *(style.text(say(one), "column.right") for one in right)]
     ]
     for one in facts.others[:40]:
-        reason = f": {one.reason}" if one.reason else ""
+        why = f": {reason(one.reason, say.language)}" if one.reason else ""
         figures = (one.count, one.first_sheet, one.last_sheet)
         rows.append(
             [
-                style.text(say(f"kind.{one.kind}") + reason, "value"),
+                style.text(say(f"kind.{one.kind}") + why, "value"),
                 *(style.text(say.number(figure), "number") for figure in figures),
             ]
         )
@@ -364,7 +365,11 @@ def _sheets(facts: ReportFacts, say: ReportTexts) -> list[Any]:
 
 def _sheet(one: ReportedSheet, say: ReportTexts) -> list[Any]:
     record, verdict = one.record, one.record.verdict
-    kind = verdict.reason if verdict.verdict != "misprint" else _kind(kind_of(verdict), say)
+    kind = (
+        _kind(kind_of(verdict), say)
+        if verdict.verdict == "misprint"
+        else reason(verdict.reason, say.language)
+    )
     colour = style.STOP if verdict.verdict == "misprint" else style.LOOK
     numbers = ("" if value is None else say.number(value, 1) for value in (verdict.score, verdict.threshold))
     return [

@@ -203,7 +203,9 @@ def troubled(
         )
     good = sheet(number, rng, drifts=1 + seed % 3)
     if number in (330, 331, 332):
-        reason = f"the camera lost {3 * number - 900} lines of it"
+        first, lost = 3100 * number + 1400, 3 * number - 900
+        detail = f"lines {first} to {first + lost - 1} were lost: parts of block {number} did not arrive"
+        reason = f"lines lost: {detail}: {lost / 3000:.0%} of the sheet was not seen"
         verdict = Verdict(page=good.verdict.page, verdict="not-inspected", reason=reason)
         return replace(good, verdict=verdict, faults=("lost-lines",), nuisance={})
     if number in (470, 471):

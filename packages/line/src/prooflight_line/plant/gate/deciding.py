@@ -26,15 +26,15 @@ DOUBTS: Final = frozenset({Code.NOT_INSPECTED, Code.LOST_LINES, Code.TOO_LATE, C
 """Codes to which the policy applies; for all other codes the decision is fixed."""
 CODE_TEXTS: Final = {
     Code.GOOD: "good",
-    Code.MISPRINT: "a misprint",
-    Code.NOT_INSPECTED: "not inspected",
-    Code.LOST_LINES: "lines were lost, or are too many",
-    Code.UNKNOWN_SHEET: "no page of the job",
-    Code.OUT_OF_PLACE: "it came twice or behind its turn",
-    Code.SET_SPOILED: "another page of its set is bad or missing",
-    Code.UNTIL_CLEAN_BREAK: "it follows a bad sheet, until the next copy begins",
-    Code.TOO_LATE: "its result came too late for the gate",
-    Code.PLACE_UNKNOWN: "nobody could say when it would reach the gate",
+    Code.MISPRINT: "the sheet is a misprint",
+    Code.NOT_INSPECTED: "the sheet was not inspected",
+    Code.LOST_LINES: "camera lines were lost or are surplus",
+    Code.UNKNOWN_SHEET: "the sheet shows no page of the job",
+    Code.OUT_OF_PLACE: "the sheet is a duplicate or out of sequence",
+    Code.SET_SPOILED: "another page of the set is bad or missing",
+    Code.UNTIL_CLEAN_BREAK: "the sheet follows a bad sheet, before the next copy begins",
+    Code.TOO_LATE: "the result came too late for the gate",
+    Code.PLACE_UNKNOWN: "the arrival time at the gate could not be determined",
 }
 """Description of each code, for people."""
 

@@ -376,7 +376,7 @@ def _of_sheet(
     tray_name = tray.tray if tray else ""
     account = account_of(result, verdict=verdict, tray=tray_name, came=came, tolerated=tolerated)
     if account == "did-not-come":
-        why = "the page did not come"
+        why = "the page is missing"
     elif account == "lost" and tray:
         unsent = gate_log.unsent.get(tag)
         why = CODE_TEXTS[Code(unsent["code"])] if unsent else tray.why or "the controller reported no tray"
@@ -398,5 +398,5 @@ def _of_sheet(
 def _unknown_sheet(tray: Tray, *, tolerated: bool) -> Accounted:
     """Account for a sheet at the gate that the run does not know."""
     wrong = tray.tray == "good" and not tolerated
-    why = tray.why or "no sheet of the run was due there"
+    why = tray.why or "no sheet of the run was expected at this position"
     return Accounted(account="wrong" if wrong else "unseen", tray=tray.tray, why=why)

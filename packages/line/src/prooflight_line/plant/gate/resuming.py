@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from prooflight.press.gate import GateSettings
     from prooflight_line.plant.gate.log import LoggedDecisions
 
-LOST: Final = "its verdict was lost when the run broke off"
+LOST: Final = "the verdict was lost when the run was interrupted"
 MOST_ON_THEIR_WAY: Final = 64
 """Greatest number of sheets between camera and gate: twice the results that the register map asks a controller to
 store."""

@@ -226,7 +226,7 @@ class SimulatedPlc:
             one = near[0]
             why = Code(one.code).name.lower().replace("_", " ") if one.code in list(Code) else "?"
             return one.tag, one.code, one.result == Result.ACCEPT, why
-        why = "two results for its place" if near else "no result for its place"
-        why = "the controller is off" if self.off else why if self.alive else "nobody there"
+        why = "two results for this position" if near else "no result for this position"
+        why = "the controller is off" if self.off else why if self.alive else "no signal from Prooflight"
         self.stopped |= self._policy == 2
         return 0, 0, self._policy == 1, why

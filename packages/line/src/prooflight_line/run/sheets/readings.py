@@ -51,8 +51,8 @@ STRAYS: Final = 8
 still."""
 PATIENCE: Final = 2
 """Number of pages that may come before one that was expected earlier, until that one is reported missing."""
-UNSEEN: Final = "the camera gave no lines when it passed"
-UNWATCHED: Final = "the run had broken off: nothing watched it, or its verdict was lost"
+UNSEEN: Final = "the camera delivered no lines while the sheet passed"
+UNWATCHED: Final = "the run was interrupted: the sheet was not inspected, or its verdict was lost"
 """Reason of a page that passed between the end of the process that watched it and the resumption of its run."""
 
 
@@ -88,7 +88,9 @@ class Reading:
 
     def strayed(self) -> tuple[tuple[int, str], ...]:
         """Return the pages in whose place strays came, and what these were."""
-        return tuple((self.settled + at, f"{what} came in its place") for at, what in enumerate(self.strays))
+        return tuple(
+            (self.settled + at, f"{what} came instead of the page") for at, what in enumerate(self.strays)
+        )
 
     def passed(self, until: int, cost: float, *, why: str | None = None) -> Reading:
         """Return the hypothesis that the run jumps ahead to page ``until``.
@@ -139,7 +141,7 @@ class Reading:
     def one_more(self) -> Reading:
         """Return the hypothesis after a sheet that shows a page: skipped pages have waited for one more."""
         rest = [(page, since + 1) for page, since in self.waiting if page != self.page]
-        late = tuple((page, f"page {page + 1} has not come") for page, since in rest if since >= PATIENCE)
+        late = tuple((page, f"page {page + 1} was not detected") for page, since in rest if since >= PATIENCE)
         unreported = tuple(entry for entry in self.unreported if entry[0] != self.page)
         waiting = tuple(entry for entry in rest if entry[1] < PATIENCE)
         return replace(self, waiting=waiting, unreported=unreported + late)
@@ -244,7 +246,7 @@ class Readings:
     def ended(self) -> list[tuple[int, str]]:
         """Choose the best hypothesis at the end of the sheets; return the pages that it reports missing."""
         final = min(self.hypotheses, key=lambda one: one.cost + ENDS_EARLY * (one.due < self.pages))
-        late = tuple((page, f"page {page + 1} has not come") for page, _ in final.waiting)
+        late = tuple((page, f"page {page + 1} was not detected") for page, _ in final.waiting)
         advanced = final.passed(final.due, 0.0)
         return self.go_on((replace(advanced, waiting=(), unreported=advanced.unreported + late),))
 

@@ -110,7 +110,7 @@ class LineStore:
             self._append(np.repeat(last, ahead, axis=1), block.time_s)
         elif ahead < 0:
             again = min(-ahead, lines.shape[1])
-            what = f"lines {block.first_line} to {block.first_line + again - 1} came again"
+            what = f"lines {block.first_line} to {block.first_line + again - 1} were delivered twice"
             faults.append((self.end, Fault(kind="extra-lines", first_line=block.first_line, detail=what)))
             lines = lines[:, again:]
         self._append(lines, block.time_s)

@@ -3,8 +3,10 @@
 A column sees a line without width at the distance u from its centre by the weight R(u) of its footprint. The page lies
 slightly turned, stretched and warped, and columns are summed up by whole pixels (``line_sums``), so that a column of
 the sums sees the line at distances that differ from line to line: its response is the mean of R over these. A streak of
-width w has the mean of this over w. Of all places and widths the one is taken whose response explains most of the
-columns' likelihood, (sum R N)^2 / (2 sum R^2 D) with N and D as in ``extents``.
+width w has the mean of this over w. Of all places the one is taken whose response explains most of the columns'
+likelihood, (sum R N)^2 / (2 sum R^2 D) with N and D as in ``extents``. The width is the least of which one pixel more
+explains less: in a thin printed line the light changes at the line's other edge too, since the prediction has followed
+the line's changed centre, and a response as wide as both was measured to lie 0.2 mm from the streak.
 """
 
 from __future__ import annotations
@@ -65,6 +67,8 @@ def streak_centre(
         at = int(explained.argmax())
         if explained[at] > best:
             best, centre = float(explained[at]), float(places[at])
+        elif width > 1:  # a pixel's width and none look alike
+            break
     return centre + middle
 
 

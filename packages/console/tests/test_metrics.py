@@ -131,4 +131,11 @@ def test_the_dashboard_asks_for_figures_that_there_are(metered: Served) -> None:
     write_run(metered.journal, bad=(1,))
     there = {name.partition("|")[0] for name in scraped(metered)} | {"prooflight_false_alarm_rate_nominal"}
     assert len(panels) >= 10
+    cells = [
+        (x, y)
+        for at in (panel["gridPos"] for panel in panels)
+        for x in range(at["x"], at["x"] + at["w"])
+        for y in range(at["y"], at["y"] + at["h"])
+    ]
+    assert len(cells) == len(set(cells)), "panels overlap"
     assert asked <= there, asked - there  # the nominal rate needs the press of the run

@@ -101,3 +101,10 @@ def test_places_of_one_defect_all_have_its_extent() -> None:
     assert [one.box for _, one in found[:2]] == [(4.0, 8.0, 6.0, 5.0)] * 2
     assert found[2][1].box is NOWHERE
     assert [one.value for _, one in found] == [7.0, 9.0, 7.0]
+
+
+def test_a_streak_is_where_its_statistic_is_and_not_beside_it_where_clouds_are_more_likely() -> None:
+    sums = sums_of("void", columns=(slice(0, SEGMENTS), slice(90, 92)), amount=0.5)
+    sums.columns[0, MODES.index("add-K"), :, 93:120] += 60.0
+    window, block = (5.9, -2.0, 0.3, 30.0), (5.0, 9.0, 1.5, 1.5)
+    assert extent("streak", [window, block], sums, NO_GAINS).box[::2] == pytest.approx((6.0, 0.2))

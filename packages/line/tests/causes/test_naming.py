@@ -58,6 +58,9 @@ def test_the_nozzle_of_a_streak() -> None:
     assert (cause.kind, cause.names, cause.nozzle) == ("streak", ("black bar",), 2000)
     wide = [row(9, region(x + 0.5, 148, kind="streak", width=2.0, height=297, ink="K"))]
     assert named([*rows, *wide])[0].nozzle == 2000
+    beside = [row(at, region(x + 4, 148, kind="streak", width=7, height=297, ink="K")) for at in range(9, 19)]
+    (cause,) = named([*rows, *beside])
+    assert (cause.nozzle, cause.sheets) == (2000, 15)
 
 
 def test_a_streak_without_an_ink_names_all_heads_there() -> None:
@@ -99,6 +102,22 @@ def test_places_where_a_register_shows_come_after_it() -> None:
         row(at, region(50, 80), nuisance=one.nuisance) if at < 20 else one for at, one in enumerate(rows)
     ]
     assert [one.kind for one in named(early)] == ["page", "register"]
+
+
+def test_the_plane_that_the_page_is_located_by_is_the_one_that_is_displaced() -> None:
+    # Black prints most of the page and steps by 0.3 mm to the right: all others are recorded to its left. Seed 9.
+    noise, planes = (
+        0.03 * np.random.default_rng(9).standard_normal((60, 4)),
+        ("cyan", "magenta", "yellow", "black"),
+    )
+    noise[20:, :3] -= 0.3
+    rows = [
+        row(at, nuisance={f"register-{ink}-x": off for ink, off in zip(planes, one, strict=True)})
+        for at, one in enumerate(noise.tolist())
+    ]
+    first = named(rows)[0]
+    assert (first.kind, first.ink) == ("register", "black")
+    assert first.change == pytest.approx(0.3, abs=0.05)
 
 
 @pytest.mark.parametrize("shape", ["step", "drift"])

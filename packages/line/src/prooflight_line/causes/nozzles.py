@@ -57,12 +57,14 @@ def streaks_of(marks: Sequence[Mark], *, least_sheets: int = LEAST_SHEETS) -> li
     """Return the streaks of a run, those on most sheets first.
 
     A streak's place is the median over its sheets of the strongest of each sheet's narrow windows, which is about the
-    streak's middle. Wider windows than needed were measured to be more often on one side.
+    streak's middle. Wider windows than needed were measured to be more often on one side; those whose edge is near a
+    narrower streak belong to it.
     """
     own = sorted((mark for mark in marks if mark.kind in COLUMN_KINDS), key=lambda mark: mark.width_mm)
     groups: list[list[Mark]] = []
     for mark in own:  # the narrowest first: they are the surest places
-        near = next((group for group in groups if abs(group[0].x_mm - mark.x_mm) <= NEAR_MM), None)
+        reach = NEAR_MM + mark.width_mm / 2
+        near = next((group for group in groups if abs(group[0].x_mm - mark.x_mm) <= reach), None)
         groups.append([mark]) if near is None else near.append(mark)
     streaks = [_streak(group) for group in groups if len({one.sheet for one in group}) >= least_sheets]
     return sorted(streaks, key=lambda streak: -len(streak.marks))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import median
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import special
 from prooflight_line.run.monitor.corrections import INK_CHANNELS, noise_sd
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -23,6 +24,8 @@ FALSE_ALARM_RATE: Final = 0.01
 LEAST_SHEETS: Final = 8
 LEAST_SIDE: Final = 4
 """Least number of sheets on each side of a step. assumed: fewer are outliers as well as a step."""
+LEAST_PLANES: Final = 3
+"""Planes from which on it is known which of them is displaced."""
 LEAST_SHARE: Final = 0.25
 """Least change that is a cause, as a share of the channel's tolerance. assumed: a smaller one explains no
 misprint."""
@@ -60,8 +63,9 @@ def trends_of(records: Sequence[PageRecord]) -> list[Trend]:
     that of the differences of neighbouring sheets, to which a drift and a step hardly contribute.
     """
     trends = []
+    amounts = [(one.sheet, _between_planes(one.nuisance)) for one in records]
     for channel in INK_CHANNELS:
-        rows = [(one.sheet, one.nuisance[channel.name]) for one in records if channel.name in one.nuisance]
+        rows = [(sheet, own[channel.name]) for sheet, own in amounts if channel.name in own]
         if len(rows) < LEAST_SHEETS:
             continue
         sheets, values = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
@@ -71,6 +75,24 @@ def trends_of(records: Sequence[PageRecord]) -> list[Trend]:
         if abs(trend.z) > limit and abs(trend.change) > LEAST_SHARE * channel.tolerance:
             trends.append(trend)
     return sorted(trends, key=lambda trend: -abs(trend.change) / trend.channel.tolerance)
+
+
+def _between_planes(amounts: Mapping[str, float]) -> dict[str, float]:
+    """Return amounts with the register of each plane relative to the median of the others.
+
+    A page lies where most of its design lies: where the plane that prints most of it is displaced, the amounts say
+    that all others are, the other way. Of two planes either may be displaced, and their amounts stay.
+    """
+    between = dict(amounts)
+    for axis in ("-x", "-y"):
+        planes = {
+            name: value
+            for name, value in amounts.items()
+            if name.startswith("register-") and name.endswith(axis)
+        }
+        for name, value in planes.items() if len(planes) >= LEAST_PLANES else ():
+            between[name] = value - median(other for key, other in planes.items() if key != name)
+    return between
 
 
 def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float64]) -> Trend:

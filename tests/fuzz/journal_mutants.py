@@ -21,11 +21,11 @@ import numpy as np
 
 from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight_line.journal import packs
+from prooflight_line.journal.aside import unclaimed_folder
 from prooflight_line.journal.exporting import page_facts, run_facts, write_csv
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, Retention, RunEnd, RunFacts
 from prooflight_line.journal.schema import JournalError
-from prooflight_line.journal.aside import unclaimed_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable

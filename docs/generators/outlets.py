@@ -15,8 +15,8 @@ from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight_line.journal.records import PageRecord
 from prooflight_line.plant.events import Event, SheetAtGate, SheetJudged
 from prooflight_line.plant.gate.deciding import CODE_TEXTS, GateDecider, disposition_of
-from prooflight_line.plant.gate.passed import NAMES, PassedSheets
 from prooflight_line.plant.gate.registers import Code, Result
+from prooflight_line.plant.gate.waiting import NAMES, PassedSheets
 from prooflight_line.plant.stream import EventStream
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import Outcome

@@ -1,7 +1,7 @@
 """Alignment of sensors that see the same place at different lines or pixels, of one camera or of several.
 
 The lines of a trilinear colour camera are offset along the travel, and so are two cameras on one bar. Whole
-lines and pixels are removed where lines come in (``cameras.in_step``). The remaining fraction is part of the
+lines and pixels are removed where lines come in (``cameras.several``). The remaining fraction is part of the
 footprint of the press's sensor, so that prediction accounts for it exactly, and no scan is interpolated,
 which would change its noise.
 """

@@ -16,7 +16,7 @@ from prooflight.rng import stream
 from prooflight.scans.alignment import built_fraction
 from prooflight_line.cameras.camera import Grab
 from prooflight_line.cameras.counting import LineCounter
-from prooflight_line.cameras.in_step import InStep
+from prooflight_line.cameras.several import InStep
 from prooflight_studies.cameras.camera_offset import camera_offset
 from prooflight_studies.running.rig import DESIGN_SEED, Pieces
 

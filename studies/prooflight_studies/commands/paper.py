@@ -167,7 +167,7 @@ def design(
         quick=quick,
         world=world,
         more=more,
-        command=_as_typed(),
+        command=shlex.join(["prooflight", *sys.argv[1:]]),
         processes=processes_of(cluster),
         progress=show.steps(quiet=json),
     )
@@ -192,7 +192,3 @@ def _cents(rows: Iterable[DesignRow]) -> Table:
             "efficient" if row.efficient else "",
         )
     return table
-
-
-def _as_typed() -> str:
-    return shlex.join(["prooflight", *sys.argv[1:]])

@@ -173,14 +173,15 @@ def _progress_of(progress: Callable[[str], None], what: str, step: str) -> Calla
 def _with_money(
     of: Sequence[Candidate], judgements: Sequence[CandidateResult], plan: Plan, prices: Prices
 ) -> list[DesignRow]:
-    first = judgements[0]
+    first, of_file = judgements[0], of[0]
+    per_sensor = of_file.pixels_per_page / len(of_file.camera.sensors)
     rows = []
     for candidate, one in zip(of, judgements, strict=True):
         costs, camera = candidate.press.costs, candidate.camera
-        share = candidate.pixels_per_page / _per_sensor(of[0])
+        share = candidate.pixels_per_page / per_sensor
         sensor = candidate.press.sensors[0]
         cost = interval_of(one.cost, one.resampled)
-        unit, first_unit = cents_per_unit(costs), cents_per_unit(of[0].press.costs)
+        unit, first_unit = cents_per_unit(costs), cents_per_unit(of_file.press.costs)
         rows.append(
             DesignRow(
                 design=str(candidate.choice),
@@ -208,10 +209,6 @@ def _with_money(
         )
     best = efficient([(row.bought_cents, row.error_cents.value) for row in rows])
     return [replace(row, efficient=flag) for row, flag in zip(rows, best, strict=True)]
-
-
-def _per_sensor(candidate: Candidate) -> float:
-    return candidate.pixels_per_page / len(candidate.camera.sensors)
 
 
 # --- the picture: cost of errors against cost of hardware and computing ---

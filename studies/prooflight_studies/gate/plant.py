@@ -9,8 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from prooflight_line.plant.simulator.belt import Belt, BeltSheet
-from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.plc import Belt, BeltSheet, SimulatedPlc
 from prooflight_line.plant.simulator.server import SCAN_S, PlcServer
 from prooflight_line.testing.relay import Relay
 from prooflight_studies.gate.plan import DELAY_S, DISTANCE_MM, LASTS_S

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Final
 from prooflight.press.press_file import PressFile
 from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
 from prooflight_line.plant.gate.log import log_path, rows_of
-from prooflight_line.plant.simulator.belt import Belt
-from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.plc import Belt, SimulatedPlc
 from prooflight_line.plant.simulator.server import PlcServer
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.picture import write_figure
 from prooflight_studies.speed.card import add_card_section
 from prooflight_studies.speed.compare import in_turns
-from prooflight_studies.speed.detector import detector_works
-from prooflight_studies.speed.study import REPEATS, bench_pages
+from prooflight_studies.speed.study import REPEATS, bench_pages, detector_works
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -15,7 +15,7 @@ from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.lines import LineBlock
 from prooflight_line.cameras.camera import Grab
 from prooflight_line.cameras.counting import LineCounter
-from prooflight_line.cameras.in_step import InStep
+from prooflight_line.cameras.several import InStep
 
 LINES, PIXELS = 8, 16
 

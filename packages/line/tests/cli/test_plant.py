@@ -13,8 +13,7 @@ from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
 from prooflight_line.plant.events import SheetJudged, StateChanged, parsed
-from prooflight_line.plant.simulator.belt import Belt
-from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.plc import Belt, SimulatedPlc
 from prooflight_line.plant.simulator.server import PlcServer
 
 if TYPE_CHECKING:

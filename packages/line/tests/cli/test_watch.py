@@ -268,17 +268,6 @@ def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
     assert (facts["promise_suspended_from"], facts["counts"]["promise_suspended"]) == (2, 4)
 
 
-def test_a_misprint_ends_with_exit_code_1(
-    press_file: Path, job: Path, trigger: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, rows, said = watch(
-        capsys, job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 6,
-        "--misprint", "streak:0.9", "--every", 3, "--trigger", trigger, "--journal", "none", "--json",
-    )  # fmt: skip
-    assert (code, said) == (1, "")
-    assert [row["verdict"] for row in rows] == ["good", "good", "misprint"] * 2
-
-
 def test_a_fault_is_named_and_a_page_that_did_not_come_ends_with_exit_code_3(
     press_file: Path, job: Path, trigger: int, capsys: pytest.CaptureFixture[str]
 ) -> None:

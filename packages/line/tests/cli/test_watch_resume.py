@@ -26,8 +26,7 @@ from prooflight.scans.recorded import recorded_scans
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import run_key, sheet_id
 from prooflight_line.plant.gate.log import LoggedDecisions, log_path
-from prooflight_line.plant.simulator.belt import Belt
-from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.plc import Belt, SimulatedPlc
 from prooflight_line.plant.simulator.server import PlcServer
 from prooflight_line.run.sheets.readings import UNWATCHED
 

@@ -13,8 +13,7 @@ from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.scans.lines import LineBlock
 from prooflight_line.journal.records import PageRecord
-from prooflight_line.plant.simulator.belt import Belt, BeltSheet
-from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.plc import Belt, BeltSheet, SimulatedPlc
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import Outcome
 

@@ -12,10 +12,10 @@ from packages.line.tests.plant.test_reprinting import listed
 
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
+from prooflight_line.plant.gate.gate import SheetSides
 from prooflight_line.plant.gate.log import LoggedDecisions
 from prooflight_line.plant.gate.reconciling import reconciled
 from prooflight_line.plant.gate.registers import Code, Result
-from prooflight_line.plant.gate.sides import SheetSides
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """The journal of a press: one row a page, durable when ``commit`` returns True, with evidence in files next to it.
 
-Order of a commit: evidence into a pack (``journaling.packs``), flushed to the disk; then one transaction with the
+Order of a commit: evidence into a pack (``packs``), flushed to the disk; then one transaction with the
 rows that name it. A process that dies between the two leaves a pack that no row names, which the next writer
-moves away (``journaling.unclaimed``). Opening a journal removes nothing. One process writes at a time; any number
+moves away (``aside``). Opening a journal removes nothing. One process writes at a time; any number
 may read.
 """
 

@@ -27,7 +27,7 @@ ARRAYS: Final[Mapping[Class, re.Pattern[str]]] = {
     "pictures": re.compile(r"cut[0-9]+(_mm)?"),
     "scans": re.compile(r"whole(_top|_mm)?"),
 }
-"""Names of the arrays of each class that goes alone (``inspection.redeciding``, ``journal.whole``)."""
+"""Names of the arrays of each class that goes alone (``inspection.redeciding``, ``journal.arrays``)."""
 REMEDY: Final = (
     "write [retention] with verdicts_days, pictures_days and scans_days, and [[retention.customers]]"
 )

@@ -1,11 +1,12 @@
-"""The account of a run's sheets at the gate, and of those to print again, read from its journal."""
+"""The account of a run's sheets at the gate, and of those to print again, read from its journal; and its press."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from prooflight.errors import RequestError
+from prooflight.errors import PressError, RequestError
+from prooflight.press.artefact import Press
 from prooflight_line.journal.labels import Labels, LabelStore, run_key
 from prooflight_line.plant.gate.log import LoggedDecisions, log_path
 from prooflight_line.plant.gate.reconciling import read_trays, reconciled
@@ -52,3 +53,18 @@ def accounts_of(
 def _brief(page: PageRecord) -> PageRecord:
     """Return a record without what no account needs, so that those of a long run fit into memory."""
     return replace(page, verdict=replace(page.verdict, regions=(), codes=(), inks={}), nuisance={}, notes=())
+
+
+# --- the press artefact by which a run was judged ---
+
+
+def press_of_run(path: Path, *, name: str, digest: str) -> Press:
+    """Load a press artefact; PressError: it is none, or not the one by which the run was judged.
+
+    name, digest: of the press, as the run's record has them.
+    """
+    press = Press.load(path)
+    if digest != press.digest:
+        what = f"has digest {press.digest[:16]}, the run was judged by {digest[:16]}"
+        raise PressError(path, what, remedy=f"give the artefact of press {name} that the run used")
+    return press

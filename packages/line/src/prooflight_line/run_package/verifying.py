@@ -19,9 +19,9 @@ from prooflight.errors import ProoflightError, RequestError
 from prooflight.inspection.redeciding import replayed
 from prooflight_line.journal.arrays import DAMAGED, read_arrays
 from prooflight_line.journal.columns import MOST_PACK_BYTES
+from prooflight_line.run_package.accounts import press_of_run
 from prooflight_line.run_package.archive import FORMAT, MANIFEST, PIECE, REMEDY, SIGNED_COMMENT, signature_of
 from prooflight_line.run_package.contents import PAGES, PRESSES, versions
-from prooflight_line.run_package.run_press import press_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

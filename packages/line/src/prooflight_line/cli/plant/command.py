@@ -84,8 +84,7 @@ def simulate(
     """Simulate a controller with a gate and two trays. `watch --source drum:N --plant ...` supplies its sheets."""
     from prooflight.press.gate import GateSettings, PlcSettings
     from prooflight.press.press_file import PressFile
-    from prooflight_line.plant.simulator.belt import Belt
-    from prooflight_line.plant.simulator.plc import SimulatedPlc
+    from prooflight_line.plant.simulator.plc import Belt, SimulatedPlc
     from prooflight_line.plant.simulator.server import PlcServer
 
     settings = None if press_file is None else PressFile.read(press_file).gate_settings()

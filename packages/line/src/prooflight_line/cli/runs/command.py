@@ -265,7 +265,7 @@ def replay(
 ) -> None:
     """Recalculate a verdict from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
-    from prooflight_line.run_package.run_press import press_of_run
+    from prooflight_line.run_package.accounts import press_of_run
 
     with reading(journal) as opened:
         run_row = run_of(opened, run)

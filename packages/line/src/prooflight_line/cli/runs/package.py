@@ -65,9 +65,9 @@ def package(
     Exits 1 if evidence that the journal names is missing; everything else was packaged.
     """
     from prooflight.files.atomic import whole_file
+    from prooflight_line.run_package.accounts import press_of_run
     from prooflight_line.run_package.archive import write_archive
     from prooflight_line.run_package.contents import PackageContents, refuse_running
-    from prooflight_line.run_package.run_press import press_of_run
     from prooflight_line.run_package.signing import SigningKey, default_key
 
     signing = SigningKey.load(key or default_key())

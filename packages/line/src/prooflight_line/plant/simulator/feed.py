@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight_line.plant.gate.link import Wire
 from prooflight_line.plant.gate.log import PlantError
-from prooflight_line.plant.simulator.belt import BeltSheet
+from prooflight_line.plant.simulator.plc import BeltSheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

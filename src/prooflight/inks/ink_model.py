@@ -83,6 +83,7 @@ class InkModel:
         model: str = AUTO,
         *,
         folds: int = FOLDS,
+        seed: int = 0,
         progress: Callable[[str], None] | None = None,
     ) -> Self:
         """Fit a model of ``MODELS``, or the one that cross-validation prefers, to all of a chart.
@@ -90,10 +91,10 @@ class InkModel:
         RequestError: no such model or folds. ChartError: the chart does not determine it.
         """
         if model == AUTO:
-            choice = choose(chart, folds=folds, progress=progress)
+            choice = choose(chart, folds=folds, seed=seed, progress=progress)
             trial, why = choice.best, choice.why
         else:
-            trial, why = cross_validate(chart, model, folds=folds), f"{model}: as requested"
+            trial, why = cross_validate(chart, model, folds=folds, seed=seed), f"{model}: as requested"
         recipes = chart.recipes()
         return cls(
             model=fit_model(chart, trial.model),

@@ -119,7 +119,7 @@ def fit_model(chart: Chart, model: str, rows: NDArray[np.bool_] | None = None) -
         ) from None
 
 
-def cross_validate(chart: Chart, model: str, *, folds: int = FOLDS) -> CrossValidation:
+def cross_validate(chart: Chart, model: str, *, folds: int = FOLDS, seed: int = 0) -> CrossValidation:
     """Predict every recipe by a model fitted without its fold; folds go by recipe, so repeats never straddle them.
 
     RequestError: no such model, or folds outside 2..recipes. ChartError: the chart does not determine it.
@@ -128,7 +128,7 @@ def cross_validate(chart: Chart, model: str, *, folds: int = FOLDS) -> CrossVali
     if not 2 <= folds <= len(recipes.cmyk):
         what = f"{folds} folds of {len(recipes.cmyk)} recipes"
         raise RequestError("--folds", what, remedy="take 2 folds up to as many as there are recipes")
-    fold = fold_of_recipe(len(recipes.cmyk), folds, seed=0)
+    fold = fold_of_recipe(len(recipes.cmyk), folds, seed)
     predicted = np.empty_like(recipes.reflectance)
     for left_out in range(folds):
         seen = fold != left_out
@@ -137,7 +137,9 @@ def cross_validate(chart: Chart, model: str, *, folds: int = FOLDS) -> CrossVali
     return CrossValidation(model=model, folds=folds, predicted=predicted, score=score)
 
 
-def choose(chart: Chart, *, folds: int = FOLDS, progress: Callable[[str], None] | None = None) -> Choice:
+def choose(
+    chart: Chart, *, folds: int = FOLDS, seed: int = 0, progress: Callable[[str], None] | None = None
+) -> Choice:
     """Cross-validate every model and choose the one of least mean CIEDE2000, or a simpler one within 2 % of it.
 
     ``progress`` is called with each model's name before it is tried. Models that the chart does not determine
@@ -149,7 +151,7 @@ def choose(chart: Chart, *, folds: int = FOLDS, progress: Callable[[str], None] 
         if progress:
             progress(name)
         try:
-            tried[name] = cross_validate(chart, name, folds=folds)
+            tried[name] = cross_validate(chart, name, folds=folds, seed=seed)
         except ChartError as error:
             refused = error
     if not tried:
@@ -171,9 +173,10 @@ def learn(
     model: str = AUTO,
     *,
     folds: int = FOLDS,
+    seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> ChartModel:
     """Fit a model, or the one that ``auto`` chooses, to all of a chart, as ``chart predict`` does."""
     if model == AUTO:
-        model = choose(chart, folds=folds, progress=progress).best.model
+        model = choose(chart, folds=folds, seed=seed, progress=progress).best.model
     return fit_model(chart, model)

@@ -15,7 +15,7 @@ STORED = (
     *deciding.CODE_TEXTS.values(),
     *(reprinting.NEVER, reprinting.NOT_PRINTED, reprinting.UNCONFIRMED, reprinting.CONTESTED),
     *(reprinting.NOT_SEEN_WHOLE, reprinting.TAKE_OUT, reprinting.OF_ITS_SET),
-    *pace.OUT_OF_TIME,
+    *sorted(pace.OUT_OF_TIME),
     *(runner.BEGUN_WITHIN, runner.CUT_SHORT, readings.UNSEEN, readings.UNWATCHED, resuming.LOST),
     *(sheets.NEVER, f"{job.MISSING} (looked for p0003.tif in scans)"),
 )

@@ -64,7 +64,10 @@ class ObjectStore:
 
         try:
             content = bytes(obstore.get(self.store, _name(digest)).bytes())
-        except BaseError as error:
+        except (
+            BaseError,
+            FileNotFoundError,
+        ) as error:  # the latter of an object that is not there, with a page of text
             raise OSError(f"{self.url}: {str(error).splitlines()[0]}") from error
         if hashlib.sha256(content).hexdigest() != digest:
             raise ValueError(f"{digest}: the object is damaged")

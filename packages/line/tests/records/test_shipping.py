@@ -215,6 +215,9 @@ def test_evidence_is_stored_by_its_digest(path: Path, records: str, tmp_path: Pa
     stored.write_bytes(b"other")
     with pytest.raises(ValueError, match="damaged"):
         store.get(digest)
+    stored.unlink()
+    with pytest.raises(OSError, match=r"^file://[^\n]*not found[^\n]*$"):
+        store.get(digest)
 
 
 def test_records_outlive_the_journals_retention(path: Path, shipper: Open, records: str) -> None:

@@ -73,7 +73,7 @@ def test_sides_are_paired_by_their_place_where_a_camera_lost_a_sheet(
         *("good", "good", "not-inspected", "good", "good", "good"),
         *("misprint", "good"),
     ]
-    assert told["sheets"][2]["why"] == ["back: it did not come"]
+    assert told["sheets"][2]["why"] == ["back: the sheet was not detected"]
     assert [one["rows"] for one in told["sheets"][6]["sides"]] == [[6], [5]]
 
 

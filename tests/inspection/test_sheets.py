@@ -203,7 +203,7 @@ def test_a_sheet_that_comes_again_or_late_leaves_its_set_incomplete() -> None:
         ((), (), True),
     ]
     assert Counter(one.verdict for one in sets) == {"good": 2}
-    assert found[0].why == ("its back was captured twice",)  # type: ignore[union-attr]
+    assert found[0].why == ("the back was captured twice",)  # type: ignore[union-attr]
 
 
 def test_a_side_that_nobody_can_place_belongs_to_no_sheet() -> None:

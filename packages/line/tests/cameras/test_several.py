@@ -112,7 +112,7 @@ def test_one_of_two_cameras_that_dies_leaves_the_other_in_step_and_is_named() ->
     faults = [fault for fault in faults_of(blocks) if fault.sensor == 1]
     assert {fault.kind for fault in faults} == {"camera-away"}
     assert {fault.sensor for fault in faults_of(blocks)} == {1}
-    assert faults[0].detail.startswith("camera 2, sensor 2: it ")
+    assert faults[0].detail.startswith("camera 2, sensor 2: the camera ")
     assert faults[-1].detail.endswith("the places of its lines are unknown")
     counts = np.concatenate([np.arange(block.first_line, block.next_line) for block in blocks])
     np.testing.assert_array_equal(counts, np.arange(len(counts)))  # the first camera lost none

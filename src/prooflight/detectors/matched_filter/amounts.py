@@ -25,7 +25,6 @@ from prooflight.detectors.matched_filter.fit.modes import AddedInks, moved
 from prooflight.detectors.matched_filter.fit.nuisance import (
     Fit,
     FitBlocks,
-    NuisanceModel,
     PlacedScan,
     ResidualVariance,
 )
@@ -260,16 +259,7 @@ class FarAmounts:
                 for ink in np.flatnonzero(self.located).tolist()
                 for axis, mm in zip("xy", self.register_mm[ink], strict=True)
             }
-        model = NuisanceModel.of(
-            self.blocks,
-            self.sums,
-            sensors=self.prepared.binned_sensors,
-            colours=self.prepared.colours,
-            planes=self.planes,
-            pixel_mm=self.prepared.binned_geometry.pixel_pitch_mm,
-            prior=self.prepared.prior,
-            residual_variance=self.residual_variance,
-        )
+        model = self.prepared.nuisance_model(self.blocks, self.sums, self.planes, self.residual_variance)
         return {f"gain-{INK_NAMES[ink]}": gain for ink, gain in model.free_gains().items()}
 
 

@@ -34,7 +34,6 @@ from prooflight.detectors.matched_filter.fit.modes import (
 from prooflight.detectors.matched_filter.fit.nuisance import (
     Fit,
     FitBlocks,
-    NuisanceModel,
     PlacedScan,
     ResidualVariance,
     summed_blocks,
@@ -200,16 +199,7 @@ class HostImages:
         """See ``ScanImages``."""
         design, blocks = self._page.design, FitBlocks.of(self._placed.seen_by_all())
         self._block_sums = blocks, summed_blocks(self._placed, blocks, self._page.threads)
-        model = NuisanceModel.of(
-            *self._block_sums,
-            sensors=design.binned_sensors,
-            colours=design.colours,
-            planes=planes,
-            pixel_mm=design.binned_geometry.pixel_pitch_mm,
-            prior=design.prior,
-            residual_variance=self._page.residual_variance,
-        )
-        return model.fit()
+        return design.nuisance_model(*self._block_sums, planes, self._page.residual_variance).fit()
 
     def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
         """See ``ScanImages``; those of ``fitted``, since the placed scan stays."""

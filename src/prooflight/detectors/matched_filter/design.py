@@ -25,7 +25,13 @@ from prooflight.detectors.matched_filter.fit.modes import (
     pixel_map,
     prepare_modes,
 )
-from prooflight.detectors.matched_filter.fit.nuisance import Colours, page_colours
+from prooflight.detectors.matched_filter.fit.nuisance import (
+    Colours,
+    FitBlocks,
+    NuisanceModel,
+    ResidualVariance,
+    page_colours,
+)
 from prooflight.detectors.matched_filter.fit.special_places import (
     ZoneImages,
     hidden_edges,
@@ -100,6 +106,25 @@ class PreparedPage:
         """``Modes.add`` of the page, likewise, computed when it is first needed."""
         bins = bins_of(self.landmarks.geometry)
         return AddedInks(self.page, sensors=self.binned_sensors, geometry=self.binned_geometry, bins=bins)
+
+    def nuisance_model(
+        self,
+        places: FitBlocks,
+        sums: NDArray[np.floating],
+        planes: NDArray[np.float64],
+        residual_variance: ResidualVariance,
+    ) -> NuisanceModel:
+        """Return the model of one scan of the page; the arguments are those of ``NuisanceModel.of``."""
+        return NuisanceModel.of(
+            places,
+            sums,
+            sensors=self.binned_sensors,
+            colours=self.colours,
+            planes=planes,
+            pixel_mm=self.binned_geometry.pixel_pitch_mm,
+            prior=self.prior,
+            residual_variance=residual_variance,
+        )
 
     def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
         """Return the page for sensors of which only the columns' gains differ.

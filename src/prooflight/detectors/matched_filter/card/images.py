@@ -30,7 +30,6 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     MOST_BLOCKS,
     Fit,
     FitBlocks,
-    NuisanceModel,
     PlacedScan,
     summed_blocks,
 )
@@ -286,17 +285,7 @@ class CardImages:
             self._runner.back(self._room(f"block sums {s}", (MOST_BLOCKS, SUMS)))[: len(block_corners)]
             for s in range(self._sensors)
         ]
-        model = NuisanceModel.of(
-            blocks,
-            np.stack(totals),
-            sensors=of.binned_sensors,
-            colours=of.colours,
-            planes=planes,
-            pixel_mm=of.binned_geometry.pixel_pitch_mm,
-            prior=of.prior,
-            residual_variance=self._page.residual_variance,
-        )
-        return model.fit()
+        return of.nuisance_model(blocks, np.stack(totals), planes, self._page.residual_variance).fit()
 
     def _sum_blocks(self) -> None:
         run = self._runner.run

@@ -393,7 +393,7 @@ def _kind(width_mm: float, height_mm: float, *, lighter: bool) -> str:
 
 def _reason(likeness: float, *, off_place: bool, registered: bool, places: int) -> str:
     if not registered:
-        return f"the scan does not show what the golden shows: their edges agree to {max(likeness, 0):.0%}"
+        return f"the scan does not show the expected page: their edges agree to {max(likeness, 0):.0%}"
     if off_place:
         return f"the page is {WRONG_SHIFT_MM} mm or more off the position of the golden"
     if places:

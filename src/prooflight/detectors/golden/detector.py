@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 NAME: Final = "golden"
+BLOCK_SD: Final = 1 / 48
+"""Mean difference of a block that counts as a standard deviation of good prints in pictures, where a quarter of the
+contrast thus has the strongest colour. assumed [contrast]"""
 GUARANTEE: Final = (
     "none: tolerances were tuned on real pairs, "
     "docs/results/detector/golden.md states how often good ones alarm"
@@ -312,7 +315,7 @@ class GoldenSheet(PreparedOnly):
             placement=Placement(shift_mm=verdict.shift_mm or (0.0, 0.0)),
             area=area,
             measured_dn=scan.dn[:, *area],
-            block_z=np.asarray(blocks, np.float32)[None],
+            block_z=np.asarray(blocks / BLOCK_SD, np.float32)[None],
             expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
             stored_arrays={
                 "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),

@@ -7,6 +7,7 @@ deviations count for nothing and all others as before.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -28,21 +29,39 @@ LEAST_REAL: Final = 0.7
 Where its own noise drowns a statistic (cloudy paper), the greatest of many places scatters less than
 elsewhere, and the full scale would make the press careful.
 """
+COVERED: Final = 2.0
+"""Half of the interval of a statistic that several worlds share, in each world's standard deviations. (assumed)"""
 FOLDS: Final = 5
 
 
 def adapted(model: DetectorModel, good: Pages, *, real: bool = False) -> DetectorModel:
     """Return the model with shift and scale of every statistic by this press's good pages (``shift_and_scale``).
 
-    real: they are real pages, so that a press's scale may also be smaller than others'.
+    Of pages of several worlds (``Pages.press``) they cover each world's (``covering``). real: they are real pages, so
+    that a press's scale may also be smaller than others'.
     """
     plain = replace(model, shift=np.zeros_like(model.shift), scale=np.ones_like(model.scale))
     deviations = plain.deviations(good.values, good.page_features)
     least = LEAST_REAL if real else LEAST_SCALE
     if model.residual_variance.exact:
         least = LEAST_EXACT
-    shift, scale = shift_and_scale(deviations, least_scale=least)
+    worlds = [good.press == world for world in np.unique(good.press)] or [np.zeros(0, bool)]
+    shift, scale = covering([shift_and_scale(deviations[world], least_scale=least) for world in worlds])
     return replace(model, shift=shift, scale=scale)
+
+
+def covering(
+    worlds: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the shift and scale of the least interval shift -+ ``COVERED`` scale that contains each world's.
+
+    worlds: shift and scale of each, (statistics,); those of one world are returned as they are.
+    """
+    if len(worlds) == 1:
+        return worlds[0]
+    shift, scale = (np.stack(part) for part in zip(*worlds, strict=True))
+    low, high = (shift - COVERED * scale).min(axis=0), (shift + COVERED * scale).max(axis=0)
+    return (low + high) / 2, (high - low) / (2 * COVERED)
 
 
 def fit_for(
@@ -59,27 +78,34 @@ def fit_for(
     """Adapt a ranking to the press of these good pages, with the false-alarm rate that they and the others allow.
 
     Of simulated pages each design counts once, of real ones each page: copies of a design count, but none is
-    scored by a model that was adapted by another copy.
+    scored by a model that was adapted by another copy. Pages of several worlds (``Pages.press``) are compared with the
+    others world by world, and the greatest threshold applies, so that each world keeps the rate.
 
     model: not adapted to any press, or to this one by other pages; references: its scores of the pages that
     trained it. another: whether a scan showed another page. glyphs: score of each page's glyphs
     (``ScoredPage.score``); None: they were not scored.
     """
     scores = own_scores(model, good, another, real=real)
-    own = GoodScores.of(scores, np.arange(scores.size) if real else good.design)
-    return CalibratedDetector.calibrated(
-        adapted(model, good, real=real),
-        own,
-        references=references,
-        pages=GoodPages(
-            values=good.values,
-            page_features=good.page_features,
-            glyphs=np.zeros(0) if glyphs is None else glyphs,
-        ),
-        false_alarm_rate=false_alarm_rate,
-        misprint_rate=misprint_rate,
-        real=own.worst.size if real else 0,
+    design = np.arange(scores.size) if real else good.design
+    fit = adapted(model, good, real=real)
+    pages = GoodPages(
+        values=good.values,
+        page_features=good.page_features,
+        glyphs=np.zeros(0) if glyphs is None else glyphs,
     )
+    by_world = [
+        CalibratedDetector.calibrated(
+            fit,
+            GoodScores.of(scores[good.press == world], design[good.press == world]),
+            references=references,
+            pages=pages,
+            false_alarm_rate=false_alarm_rate,
+            misprint_rate=misprint_rate,
+            real=scores.size if real else 0,
+        )
+        for world in np.unique(good.press)
+    ]
+    return max(by_world, key=lambda detector: detector.threshold)
 
 
 def own_scores(

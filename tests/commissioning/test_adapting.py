@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.adapting import (
-    COVERED,
     FOLDS,
     LEAST_EXACT,
     LEAST_REAL,
@@ -260,12 +259,11 @@ def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
     assert np.mean(caught) > 5 * np.mean(alarms)
 
 
-def test_the_interval_of_several_worlds_contains_that_of_each() -> None:
+def test_what_covers_several_worlds_deviates_by_one_in_the_worst() -> None:
     shift, scale = np.array([[0.0, 1.0, 2.0], [1.0, 1.0, -2.0]]), np.array([[1.0, 1.0, 1.0], [2.0, 3.0, 1.0]])
     both = covering(list(zip(shift, scale, strict=True)))
-    # By hand for two standard deviations: -3 to 5, that of the wider one, and -4 to 4.
-    assert COVERED == 2
-    assert (both[0].tolist(), both[1].tolist()) == ([1.0, 1.0, 0.0], [2.0, 3.0, 2.0])
+    assert both[0].tolist() == [0.5, 1.0, 0.0]
+    assert both[1] == pytest.approx(np.sqrt([2.0**2 + 0.5**2, 3.0**2, 1.0**2 + 2.0**2]))
     alone = shift[1], scale[1]
     assert covering([alone]) is alone  # a press of one world is the same to the last bit
 

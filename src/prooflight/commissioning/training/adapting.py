@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -29,8 +30,6 @@ LEAST_REAL: Final = 0.7
 Where its own noise drowns a statistic (cloudy paper), the greatest of many places scatters less than
 elsewhere, and the full scale would make the press careful.
 """
-COVERED: Final = 2.0
-"""Half of the interval of a statistic that several worlds share, in each world's standard deviations. (assumed)"""
 FOLDS: Final = 5
 
 
@@ -53,15 +52,16 @@ def adapted(model: DetectorModel, good: Pages, *, real: bool = False) -> Detecto
 def covering(
     worlds: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the shift and scale of the least interval shift -+ ``COVERED`` scale that contains each world's.
+    """Return the shift and scale that cover several worlds: their mean, and the rms about it in the worst one.
 
-    worlds: shift and scale of each, (statistics,); those of one world are returned as they are.
+    So statistics deviate by no more than 1 (rms) in any world. worlds: shift and scale of each, (statistics,); those of
+    one world are returned as they are.
     """
     if len(worlds) == 1:
         return worlds[0]
-    shift, scale = (np.stack(part) for part in zip(*worlds, strict=True))
-    low, high = (shift - COVERED * scale).min(axis=0), (shift + COVERED * scale).max(axis=0)
-    return (low + high) / 2, (high - low) / (2 * COVERED)
+    shifts, scales = (np.stack(part) for part in zip(*worlds, strict=True))
+    shift = shifts.mean(axis=0)
+    return shift, np.hypot(scales, shifts - shift).max(axis=0)
 
 
 def fit_for(
@@ -87,25 +87,25 @@ def fit_for(
     """
     scores = own_scores(model, good, another, real=real)
     design = np.arange(scores.size) if real else good.design
-    fit = adapted(model, good, real=real)
-    pages = GoodPages(
-        values=good.values,
-        page_features=good.page_features,
-        glyphs=np.zeros(0) if glyphs is None else glyphs,
+    worlds = [good.press == world for world in np.unique(good.press)]
+    deciding = (
+        [GoodScores.of(scores[world], design[world]) for world in worlds] if len(worlds) > 1 else [None]
     )
-    by_world = [
-        CalibratedDetector.calibrated(
-            fit,
-            GoodScores.of(scores[good.press == world], design[good.press == world]),
-            references=references,
-            pages=pages,
-            false_alarm_rate=false_alarm_rate,
-            misprint_rate=misprint_rate,
-            real=scores.size if real else 0,
-        )
-        for world in np.unique(good.press)
-    ]
-    return max(by_world, key=lambda detector: detector.threshold)
+    by_world = partial(
+        CalibratedDetector.calibrated,
+        adapted(model, good, real=real),
+        GoodScores.of(scores, design),
+        references=references,
+        pages=GoodPages(
+            values=good.values,
+            page_features=good.page_features,
+            glyphs=np.zeros(0) if glyphs is None else glyphs,
+        ),
+        false_alarm_rate=false_alarm_rate,
+        misprint_rate=misprint_rate,
+        real=scores.size if real else 0,
+    )
+    return max((by_world(deciding=one) for one in deciding), key=lambda detector: detector.threshold)
 
 
 def own_scores(

@@ -147,8 +147,8 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
             (SEED, FREE + 73, "learned or judged", "day", "copy"),
         ),
         "rip-print": Purpose(
-            "a print of such a press, good (0) or a misprint (1)",
-            (SEED, FREE + 74, "learned or judged", "page", "copy", "good or misprint"),
+            "a print of such a press, good (0) or a misprint (1), and which misprint it is (2)",
+            (SEED, FREE + 74, "learned or judged", "page", "copy", "good, misprint or which"),
         ),
         "running-misprint": Purpose("a misprint and its scan, for the drum", (SEED, FREE + 15, "sheet")),
         "running-print": Purpose("a print and its scan, for the drum", (SEED, "sheet", 2)),

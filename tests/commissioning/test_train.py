@@ -130,6 +130,22 @@ def test_only_the_papers_network_is_taught_by_misprints(
     assert taught.unit.tolist() == [3.5]  # the pilot's, 1 to 6
 
 
+def test_a_press_of_either_world_is_calibrated_in_each_as_a_press_of_one(
+    monkeypatch: pytest.MonkeyPatch, press: Press
+) -> None:
+    """On days that are made up: seed 3."""
+    monkeypatch.setattr(train, "in_order", _made_up_days)
+    either = replace(press, variation={"world": "either"})
+    found = train.trained(either, _One(None), designs=48, seed=1)  # type: ignore[arg-type]
+    detector = model_of(found)
+    assert (len(detector.pages.values), detector.own.worst.size) == (84, 84)
+    assert detector.deciding is not None
+    assert detector.guarantee.simulated == detector.deciding.worst.size == detector.scores.own.worst.size
+    assert abs(detector.deciding.worst.size - 42) <= DESIGNS_A_DAY / 2
+    assert set(detector.deciding.worst) <= set(detector.own.worst)
+    found.check()
+
+
 def _made_up_days(
     work: ScatterWork | StatisticsWork | UnitWork,
     days: Sequence[tuple[int, ...]],

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.training.simulated_days import PressDay, good_prior
+from prooflight.commissioning.training.simulated_days import DESIGNS_A_DAY, PressDay, good_prior, worlds_of
+from prooflight.commissioning.training.train import Plan
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
@@ -24,6 +25,7 @@ from prooflight.simulation.worlds import (
     amounts_of,
     measured_digest,
     measured_text,
+    stated_amounts,
     world_named,
     worlds,
     worlds_digest,
@@ -179,6 +181,12 @@ def test_a_press_that_states_either_world_is_trained_on_days_of_both(press: Pres
         False,
     ]
     assert amounts_of(either) == amounts_of(press)
+    # As many designs of each as of a press of one world, however its days begin.
+    one, both = Plan.of(136), Plan.of(136, len(stated_amounts(either)))
+    for part in ("pilot", "calibrate"):
+        counts = np.bincount(worlds_of(getattr(both, part), 2))
+        assert counts.sum() == 2 * len(getattr(one, part))
+        assert abs(counts - len(getattr(one, part))).max() <= DESIGNS_A_DAY / 2
     # The prior allows what either world does: sheets of the press world differ more, places of the other.
     own, of_press, of_measured = (good_prior(one) for one in (either, press, measured))
     assert own.gain == of_press.gain > of_measured.gain

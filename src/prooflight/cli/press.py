@@ -63,7 +63,9 @@ def build(
     designs: Annotated[
         int | None,
         typer.Option(
-            help=f"Number of page designs that are printed for it; default {DESIGNS}, full {FULL}.", min=1
+            help="Number of page designs that are printed for it, in each world that the press file states; "
+            f"default {DESIGNS}, full {FULL}.",
+            min=1,
         ),
     ] = None,
     columns: Annotated[

@@ -97,6 +97,7 @@ def scan_page(
     rng: np.random.Generator,
     least: Gate | None = None,
     session: Session | None = None,
+    misprint_rng: np.random.Generator | None = None,
 ) -> SimulatedScan:
     """Print and scan one page, with a misprint if one is requested.
 
@@ -108,6 +109,8 @@ def scan_page(
         Least change that counts, by default the gate of ``worlds.toml``; it compares predictions, whatever the world.
     session
         The press today, in the press world; None: the ideal world.
+    misprint_rng
+        Draws the misprint, so that it is the same in every world; None: ``rng`` does, after the print.
 
     Raises
     ------
@@ -129,10 +132,10 @@ def scan_page(
 
     if request is None:
         return scan(page, IN_PLACE, None, 0)
-    good = predicted(page)
+    good, drawing = predicted(page), misprint_rng or rng
     for draw in range(1, TRIES + 1):
-        severity = float(rng.random()) if request.severity is None else request.severity
-        drawn = draw_misprint(page, request.kind, severity, others=others, fetch=fetch, rng=rng)
+        severity = float(drawing.random()) if request.severity is None else request.severity
+        drawn = draw_misprint(page, request.kind, severity, others=others, fetch=fetch, rng=drawing)
         if passes_gate(good, predicted(drawn.page, drawn.placement), press, least or gate()):
             return scan(drawn.page, drawn.placement, drawn.misprint, draw)
     what = f"{TRIES} draws of {request.kind} changed nothing visible"

@@ -138,8 +138,12 @@ class PrintWork:
             session = self._session(press, piece, rip, copy)
             for request in self._requests(piece, copy):
                 kind = "" if request is None else request.kind
-                # The same day, print and misprint in every row, so that rows compare.
-                rng = stream(self.seed, "rip-print", int(piece.judged), piece.number, copy, int(bool(kind)))
+                # The same day, print and misprint in every row, so that rows compare. A print takes more draws in one
+                # world than in the other, and so the misprint is drawn by itself.
+                rng, misprint_rng = (
+                    stream(self.seed, "rip-print", int(piece.judged), piece.number, copy, part)
+                    for part in (int(bool(kind)), 2)
+                )
                 try:
                     scan = scan_page(
                         printed,
@@ -149,6 +153,7 @@ class PrintWork:
                         fetch=_none,
                         rng=rng,
                         session=session,
+                        misprint_rng=misprint_rng,
                     )
                 except RequestError:
                     continue  # nothing of that kind can be seen on this page

@@ -183,6 +183,31 @@ def test_it_comes_back_from_its_arrays_and_facts(
     )
 
 
+def test_the_scores_of_one_world_may_set_the_threshold_and_come_back(model: DetectorModel) -> None:
+    own = np.random.default_rng(6).exponential(size=80)
+    worse = calibrated(model, own=own[:40] + 1)
+    both = CalibratedDetector.calibrated(
+        model,
+        GoodScores(worst=np.sort(np.append(own[:40] + 1, own[40:]))),
+        references=worse.references,
+        pages=worse.pages,
+        false_alarm_rate=worse.requested_rate,
+        misprint_rate=worse.misprint_rate,
+        deciding=worse.own,
+    )
+    assert "deciding" not in worse.arrays()
+    assert (both.threshold, both.guarantee) == (worse.threshold, worse.guarantee)
+    again = CalibratedDetector.from_parts(both.arrays(), json.loads(json.dumps(both.facts())))
+    assert (again.threshold, again.guarantee, again.decide(2.0)) == (
+        both.threshold,
+        both.guarantee,
+        worse.decide(2.0),
+    )
+    assert again.own.worst.size == 80
+    with pytest.raises(Misfit, match="deciding"):
+        CalibratedDetector.check(worse.arrays() | {"deciding": own[:1]}, worse.facts())
+
+
 def test_an_artefact_is_refused_where_pages_and_their_scores_disagree(model: DetectorModel) -> None:
     matched_filter = calibrated(model)
     arrays, facts = matched_filter.arrays(), matched_filter.facts()

@@ -70,7 +70,8 @@ class Pages:
     kind: NDArray[np.str_]
     """Kind of misprint; empty where good."""
     press: NDArray[np.int64]
-    """Index of each page's press; statistics are compared with those of that press's good pages."""
+    """Index of each page's press; statistics are compared with those of that press's good pages. One press that states
+    several worlds counts as a press in each of them."""
 
     @property
     def bad(self) -> NDArray[np.bool_]:

@@ -129,13 +129,31 @@ def fitted(page: Page, geometry: ScanGeometry) -> Page:
     return replace(page, cmyk=np.ascontiguousarray(page.cmyk[top : top + height, left : left + width]))
 
 
-def world_in_turn(design: int, worlds: int) -> int:
-    """Return the number of the world, of so many that a press states, of the day on which a design is printed.
+def days_of(designs: range) -> list[tuple[int, ...]]:
+    """Return the designs of each day.
 
-    >>> [world_in_turn(design, 2) for design in (0, 3, 4, 8)]
-    [0, 0, 1, 0]
+    >>> days_of(range(2, 8))
+    [(2, 3, 4, 5), (6, 7)]
     """
-    return design // DESIGNS_A_DAY % worlds
+    return [tuple(designs[at : at + DESIGNS_A_DAY]) for at in range(0, len(designs), DESIGNS_A_DAY)]
+
+
+def world_in_turn(first: int, worlds: int) -> int:
+    """Return the number of the world, of so many that a press states, of the day that begins with a design.
+
+    >>> [world_in_turn(first, 2) for first in (0, 4, 8, 34, 38)]
+    [0, 1, 0, 0, 1]
+    """
+    return first // DESIGNS_A_DAY % worlds
+
+
+def worlds_of(designs: range, worlds: int) -> NDArray[np.int64]:
+    """Return the number of the world of each design, (designs,), which is that of its day.
+
+    >>> worlds_of(range(2, 8), 2).tolist()
+    [0, 0, 0, 0, 1, 1]
+    """
+    return np.concatenate([np.full(len(day), world_in_turn(day[0], worlds)) for day in days_of(designs)])
 
 
 class ScanEvidence(NamedTuple):
@@ -166,7 +184,7 @@ class PressDay:
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
         """Begin the day on which design ``first`` is printed first.
 
-        Days of a press that states several worlds are of each in turn, so that its threshold is of all of them.
+        Days of a press that states several worlds are of each in turn.
         """
         worlds = stated_amounts(press)
         amounts = worlds[world_in_turn(first, len(worlds))]

@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled, widest
 from prooflight.commissioning.training.simulated_days import (
-    DESIGNS_A_DAY,
     Rows,
     ScatterWork,
     StatisticsWork,
     UnitWork,
+    days_of,
     fitted,
     good_prior,
     good_residual_variance,
-    world_in_turn,
+    worlds_of,
 )
 from prooflight.detectors.matched_filter.analysis import analyse_registered
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
@@ -79,15 +79,15 @@ class Plan:
     calibrate: range
 
     @classmethod
-    def of(cls, designs: int) -> Plan:
-        """Divide the designs; RequestError: too few."""
+    def of(cls, designs: int, worlds: int = 1) -> Plan:
+        """Divide the designs of each of so many worlds; RequestError: too few."""
         if designs < FEWEST:
             raise RequestError(
                 "designs", f"{designs} designs are too few for training", remedy=f"give {FEWEST} or more"
             )
         low, high = PILOT
-        pilot = min(max(round(designs * PILOT_SHARE), low), high)
-        return cls(pilot=range(pilot), calibrate=range(pilot, designs))
+        pilot = min(max(round(designs * PILOT_SHARE), low), high) * worlds
+        return cls(pilot=range(pilot), calibrate=range(pilot, designs * worlds))
 
 
 def trained(
@@ -103,17 +103,18 @@ def trained(
 ) -> Press:
     """Train a press with the matched-filter detector, the shipped ranking adapted to it.
 
-    paper: also train the paper's learned detector. designs: number of page designs to print, on days of their
-    own; an eighth measure the scatter of statistics, the rest the press's good pages, which set the
-    threshold. With ``paper`` the eighth also measure the unit of the paper's statistics, and misprints of the
-    rest are printed, which train its network alone. RequestError: too few designs.
+    paper: also train the paper's learned detector. designs: number of page designs to print in each world that
+    the press states, on days of their own; an eighth measure the scatter of statistics, the rest the press's good
+    pages, which set the threshold. With ``paper`` the eighth also measure the unit of the paper's statistics, and
+    misprints of the rest are printed, which train its network alone. RequestError: too few designs.
     """
-    plan, ranking = Plan.of(designs), shipped_ranking()
+    worlds = len(stated_amounts(press))
+    plan, ranking = Plan.of(designs, worlds), shipped_ranking()
     if processes != 1:
         compile_in_background(press, pages)
 
     def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
-        days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]
+        days = days_of(which)
         rows = in_order(work, days, processes=processes, fewest=FEWEST_DAYS)
         return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
@@ -131,15 +132,15 @@ def trained(
         residual_variance=good_residual_variance(press),
         prior=good_prior(press),
     )
-    every = Pages.of(rows)
+    good = rows["kind"] == ""
     detector = fit_for(
         model,
         ranking.references,
-        every.rows(~every.bad),
-        rows["another"][~every.bad],
+        replace(Pages.of(rows).rows(good), press=worlds_of(plan.calibrate, worlds)),
+        rows["another"][good],
         false_alarm_rate=false_alarm_rate,
         misprint_rate=press.costs.misprint_rate,
-        glyphs=rows["glyphs"][~every.bad],
+        glyphs=rows["glyphs"][good],
     )
     models: dict[str, TrainedModel] = {detector.name: detector}
     if unit is not None:
@@ -153,7 +154,7 @@ def _scatter_of(drawn: Rows, designs: range, press: Press) -> Scatter:
     Together they would have a mean scatter, and prints of the world with more would alarm too often.
     """
     prior, worlds = good_prior(press), len(stated_amounts(press))
-    turns = np.array([world_in_turn(design, worlds) for design in designs])
+    turns = worlds_of(designs, worlds)
     return widest(
         [
             learn_scatter(

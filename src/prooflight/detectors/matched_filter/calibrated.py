@@ -115,6 +115,9 @@ class CalibratedDetector:
 
     False: the press learned and was recalibrated before this was tested; its labelled scores rest on that threshold.
     """
+    deciding: GoodScores | None = None
+    """Scores that set the threshold: those of ``own`` in the world where they reach furthest, for a press of several
+    worlds, so that its rate holds in each; None: all do."""
     recalibrations: tuple[LabelledPages, ...] = ()
     """Labelled pages of each recalibration, of which the last applies; empty: the detector was never
     recalibrated."""
@@ -132,14 +135,16 @@ class CalibratedDetector:
         misprint_rate: float,
         real: int = 0,
         counted: bool = True,
+        deciding: GoodScores | None = None,
     ) -> Self:
         """Return the detector with a threshold for ``false_alarm_rate``, or the nearest rate with support.
 
         own: of the press's pages; references: of other presses. real: number of its own that are real; the
-        others are simulated. counted: see the field.
+        others are simulated. counted, deciding: see the fields.
         """
-        count = own.worst.size
-        scores = _scores(references, own, real=real, counted=counted)
+        setting = own if deciding is None else deciding
+        count = setting.worst.size
+        scores = _scores(references, setting, real=real, counted=counted)
         share = _of_ranking(pages)
         rate = max(false_alarm_rate, scores.least_rate / share)
         threshold, by_count = scores.threshold(rate * share)
@@ -151,7 +156,7 @@ class CalibratedDetector:
             real=real,
             reference=0 if alone else scores.reference.worst.size,
             conformal=by_count,
-            likeness=Likeness.of(own.worst, scores.reference.worst) if real else None,
+            likeness=Likeness.of(setting.worst, scores.reference.worst) if real else None,
             kinds=kinds_of(pages.page_features[:real]),
         )
         return cls(
@@ -167,6 +172,7 @@ class CalibratedDetector:
             trained_threshold=threshold,
             misprint_rate=misprint_rate,
             counted=counted,
+            deciding=deciding,
         )
 
     def recalibrated(self, labelled: LabelledPages) -> Self:
@@ -197,6 +203,7 @@ class CalibratedDetector:
             misprint_rate=self.misprint_rate,
             real=self.real,
             counted=self.counted,
+            deciding=self.deciding,
         )
         for labelled in self.recalibrations[:-1]:
             detector = detector.recalibrated(labelled)
@@ -220,7 +227,8 @@ class CalibratedDetector:
     @property
     def scores(self) -> PressScores:
         """Scores of good pages that set the threshold."""
-        return _scores(self.references, self.own, real=self.real, counted=self.counted)
+        setting = self.own if self.deciding is None else self.deciding
+        return _scores(self.references, setting, real=self.real, counted=self.counted)
 
     @property
     def glyphs(self) -> GlyphThreshold | None:
@@ -325,6 +333,8 @@ class CalibratedDetector:
             "own": self.own.worst,
         }
         scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
+        if self.deciding is not None:  # absent from presses of one world
+            scores["deciding"] = self.deciding.worst
         if len(self.pages.glyphs):  # absent from presses that were trained before glyphs were tested
             scores["glyphs"] = self.pages.glyphs
         if len(self.pages.variation):  # absent if no real page was learned from
@@ -367,8 +377,8 @@ class CalibratedDetector:
         own = {name: a for name, a in arrays.items() if not name.startswith((mark, *marks))}
         sizes = {"statistics": len(stated.tolerance["names"]), "features": PAGE_FEATURES}
         check_arrays(own, TABLE, sizes, under=under)
-        for name in ("reference", "own"):
-            if arrays[name].shape[-1] < LEAST_SCORES:
+        for name in ("reference", "own", "deciding"):
+            if name in arrays and arrays[name].shape[-1] < LEAST_SCORES:
                 raise Misfit(f"{under}{name}", f"holds fewer than {LEAST_SCORES} scores")
         if stated.real > arrays["own"].size:
             raise Misfit(f"{under}real", f"is {stated.real}, of {arrays['own'].size} pages")
@@ -387,6 +397,7 @@ class CalibratedDetector:
             pages=GoodPages(**{name: arrays[name] for name in PAGES if name in arrays}),
             real=facts["real"],
             counted=facts.get("counted", not facts.get("labelled")),
+            deciding=GoodScores(worst=arrays["deciding"]) if "deciding" in arrays else None,
         )
         for number, pages in enumerate(facts.get("labelled", ())):
             detector = detector.recalibrated(
@@ -422,6 +433,7 @@ TABLE: Final = {
     "reference": ArraySpec(dtype="float64", shape=("sizes", "designs"), rule=rising),
     "reference_pages": ArraySpec(dtype="int64", shape=("sizes",), low=1, rule=rising),
     "own": ArraySpec(dtype="float64", shape=("pages",), rule=rising),
+    "deciding": ArraySpec(dtype="float64", shape=("deciding pages",), rule=rising, absent=True),
     "values": ArraySpec(dtype="float32", shape=("pages", "statistics")),
     "page_features": ArraySpec(dtype="float64", shape=("pages", "features")),
     "glyphs": ArraySpec(dtype="float64", shape=("pages",), absent=True),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.train import DEFAULT_RATE, Shown, trained
+from prooflight.commissioning.training.train import DEFAULT_RATE, Plan, Shown, trained
 from prooflight.errors import ProoflightError
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
@@ -86,7 +86,7 @@ def preset_once(
     press_file: PressFile,
     *,
     pixels: int | None,
-    designs: int,
+    plan: Plan,
     seed: int,
     progress: Callable[[str], None] = lambda _step: None,
     shown: Shown = lambda items, _total, _what: iter(items),
@@ -101,24 +101,19 @@ def preset_once(
         The preset.
     pixels
         See ``build_press``.
-    designs, seed, shown
+    plan, seed, shown
         See ``train.trained``.
     progress
         Called with a message at each step.
-
-    Raises
-    ------
-    RequestError
-        If there are too few designs.
     """
 
     def build() -> Press:
         press = build_press(press_file, seed=seed, pixels=pixels, progress=progress)
         return trained(
-            press, Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi), designs=designs, seed=seed, shown=shown
+            press, Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi), designs=plan, seed=seed, shown=shown
         )
 
-    return cached_press(f"{press_file.text} {pixels} {designs} {seed}", build, progress=progress)
+    return cached_press(f"{press_file.text} {pixels} {plan} {seed}", build, progress=progress)
 
 
 def trained_models(press: Press, names: Sequence[str], training: Training) -> Mapping[str, TrainedModel]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from numba import njit
 
 from prooflight.kernels.registration.measuring import SUMS, render_tile, solved
 from prooflight.pages.raster import Page
@@ -272,7 +273,8 @@ def test_tiles_are_rendered_as_numpy_does_it(press: Press, ratio: float, off: tu
     window = rng.normal(size=(width, width)).astype(np.float32)
     out = np.empty((3, TILE, TILE), np.float32)
     x, y = 1.3 + off[0], 1.6 + off[1]
-    render_tile(window, x, y, taps, Workspace.of(width, taps, size=TILE), out)
+    rendered = njit(lambda *arguments: render_tile(*arguments))
+    rendered(window, x, y, taps, Workspace.of(width, taps, size=TILE), out)
 
     def weights(begin: float, table: NDArray[np.float32]) -> NDArray[np.float64]:
         matrix = np.zeros((TILE, width))
@@ -298,7 +300,7 @@ def test_sums_are_solved_for_what_made_them() -> None:
     normal, asked = model.T @ model, model.T @ error
     sums = np.zeros(SUMS + 1)
     sums[:10], sums[10:14] = normal[np.triu_indices(4)], asked
-    assert solved(sums) == pytest.approx(truth, rel=1e-2)
+    assert njit(lambda given: solved(given))(sums) == pytest.approx(truth, rel=1e-2)
 
 
 def test_a_fit_is_the_most_likely_one_written_out() -> None:

@@ -55,7 +55,7 @@ def keep_runs(cells, stored):  # type: ignore[no-untyped-def]
         if row > 0 and at == stored.value_at[row - 1]:
             continue
         if lengths_at < 0:
-            stored.values[at : at + here.size] = here
+            copy_row(here, stored.values[at : at + here.size])
             continue
         stored.values[at], stored.lengths[lengths_at] = here[0], 1
         for x in range(1, here.size):

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache, partial
 from heapq import heappop, heappush
@@ -205,6 +205,7 @@ def in_order(
     fewest: int = FEWEST_FOR_PROCESSES,
     killed: Callable[[Item], Result] | None = None,
     files: Files[Item] = NO_FILES,
+    pool: ProcessPoolExecutor | None = None,
 ) -> Iterator[Result]:
     """Apply ``work`` to each item, in the order of the items, in as many processes as there are cores.
 
@@ -212,6 +213,7 @@ def in_order(
     is sent once to each process, since it may hold a press. The first error is raised where its result would
     have come; work not begun by then is dropped. ``fewest`` is the number of items from which processes are
     started; a daemonic process may start none. ``files`` names what ``work`` reads, for workers on other machines.
+    ``pool`` holds processes for several works one after the other (``worker_processes``); None: they are started.
 
     If a process is killed, the work under way is repeated in half as many processes, and the item that is
     next in order runs alone first. ``killed`` returns the result of an item that kills its process even so;
@@ -231,33 +233,52 @@ def in_order(
     done = 0
     while done < len(waiting):
         try:
-            for result in _in_processes(work, waiting[done:], processes):
+            for result in _in_processes(work, waiting[done:], processes, pool):
                 yield result
                 done += 1
         except BrokenProcessPool:
+            pool = None
             yield _alone(work, waiting[done], killed)
             done, processes = done + 1, max(processes // 2, 1)
 
 
-def _in_processes(
-    work: Callable[[Item], Result], waiting: Sequence[Item], processes: int
-) -> Iterator[Result]:
-    """Apply ``work`` as ``in_order``; BrokenProcessPool if a process was killed."""
+@contextmanager
+def worker_processes(
+    most: int | None = None, work: Callable[[Any], Any] | None = None
+) -> Iterator[ProcessPoolExecutor]:
+    """Give processes for ``in_order``, each of which starts when it is first needed, and ends with this context.
+
+    most: their number; None: as many as there are cores. work: sent to each once; None: each item comes with its own.
+    """
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(
-        min(processes, len(waiting)), mp_context=context, initializer=_hold, initargs=(work,)
-    )
+    pool = ProcessPoolExecutor(most, mp_context=context, initializer=_hold, initargs=(work,))
     try:
-        # No more is begun than is soon fetched: results hold pictures.
-        begun: deque[Future[Result]] = deque()
-        for item in waiting:
-            begun.append(pool.submit(_run_stored, item))
-            if len(begun) > 2 * processes:
-                yield begun.popleft().result()
-        while begun:
-            yield begun.popleft().result()
+        yield pool
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _in_processes(
+    work: Callable[[Item], Result],
+    waiting: Sequence[Item],
+    processes: int,
+    pool: ProcessPoolExecutor | None = None,
+) -> Iterator[Result]:
+    """Apply ``work`` as ``in_order``; BrokenProcessPool if a process was killed."""
+    run = _run_stored if pool is None else work
+    with nullcontext(pool) if pool else worker_processes(min(processes, len(waiting)), work) as workers:
+        # No more is begun than is soon fetched: results hold pictures.
+        begun: deque[Future[Result]] = deque()
+        try:
+            for item in waiting:
+                begun.append(workers.submit(run, item))
+                if len(begun) > 2 * processes:
+                    yield begun.popleft().result()
+            while begun:
+                yield begun.popleft().result()
+        finally:
+            for one in begun:
+                one.cancel()
 
 
 def _alone(work: Callable[[Item], Result], item: Item, killed: Callable[[Item], Result] | None) -> Result:
@@ -270,8 +291,8 @@ def _alone(work: Callable[[Item], Result], item: Item, killed: Callable[[Item], 
         return killed(item)
 
 
-_stored: list[Callable[[Any], Any]] = []
-"""Work that a worker process was started for; empty in all other processes."""
+_stored: list[Callable[[Any], Any] | None] = []
+"""Work that a worker process was started for, None if items come with theirs; empty in all other processes."""
 
 
 def _settle() -> None:
@@ -280,13 +301,13 @@ def _settle() -> None:
     settle_process()
 
 
-def _hold(work: Callable[[Any], Any]) -> None:
+def _hold(work: Callable[[Any], Any] | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
     threading.Thread(target=end_with_parent, daemon=True).start()
     settle_worker(work)
 
 
-def settle_worker(work: Callable[[Any], Any]) -> None:
+def settle_worker(work: Callable[[Any], Any] | None) -> None:
     """Settle a process that does nothing but this work: parts of a page then run one after the other."""
     _settle()
     _stored[:] = [work]
@@ -301,4 +322,6 @@ def end_with_parent() -> None:
 
 
 def _run_stored(item: Any) -> Any:
-    return _stored[0](item)
+    (work,) = _stored
+    assert work is not None
+    return work(item)

@@ -133,7 +133,9 @@ class GrowingRing(Sequence["NDArray[np.uint16]"]):
             self._changed.notify_all()
 
 
-def rendered(prints: RingPrint, count: int, *, other_sheets: bool = False) -> Iterator[SimulatedScan]:
-    """Yield the prints of a ring, in order, and after them ``OTHER_SHEETS`` if they are asked for."""
-    items: list[int | OtherSheet] = [*range(count), *(OTHER_SHEETS if other_sheets else ())]
+def rendered(
+    prints: RingPrint, count: int, *, first: int = 0, other_sheets: bool = False
+) -> Iterator[SimulatedScan]:
+    """Yield the prints of a ring from ``first`` on, in order, and after them ``OTHER_SHEETS`` if they are asked for."""
+    items: list[int | OtherSheet] = [*range(first, count), *(OTHER_SHEETS if other_sheets else ())]
     return in_order(prints, items)

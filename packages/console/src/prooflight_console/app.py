@@ -28,7 +28,7 @@ from prooflight_console.engineering.versions import PressVersions
 from prooflight_console.engineering.work import Work
 from prooflight_console.middleware import BoundedBodies, Headers, RequestLog
 from prooflight_console.pages import ROUTERS as PAGE_ROUTERS
-from prooflight_console.pages.shell import problem_page
+from prooflight_console.pages.shell import in_language, problem_page
 from prooflight_console.pictures.pictures import Pictures
 from prooflight_console.quality.index import SUFFIX, SearchIndex
 from prooflight_console.quality.saved import SavedSearches
@@ -105,7 +105,7 @@ def console_app(
     include(app, *API_ROUTERS, *PAGE_ROUTERS)
     app.add_middleware(BoundedBodies)
     app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
-    problems.handle(app, page=problem_page)
+    problems.handle(app, page=problem_page, in_language=in_language)
     app.add_middleware(Headers, secure=console.settings.secure)
     app.add_middleware(RequestLog, reading=console.reading)
     if proxies := console.settings.trusted_proxies:

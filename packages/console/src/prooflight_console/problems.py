@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fastapi.responses import Response
 
     ProblemPage = Callable[[Request, int, str, str, Mapping[str, str]], Response]
+    InLanguage = Callable[[Request, str], str]
 
 MEDIA_TYPE: Final = "application/problem+json"
 FOR_PROGRAMS: Final = ("/api/", "/metrics")
@@ -75,16 +76,19 @@ def not_found(what: str) -> Problem:
     return Problem(404, "not-found", what)
 
 
-def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
-    """Return the response to an exception; ``page`` makes the one that people read."""
+def problem(page: ProblemPage, in_language: InLanguage, request: Request, error: Exception) -> Response:
+    """Return the response to an exception.
+
+    page: makes the one that people read. in_language: returns a sentence in the language that the request accepts.
+    """
     status, kind, detail, headers, errors = _described(error)
     if not request.url.path.startswith(FOR_PROGRAMS):
         return page(request, status, kind, detail, headers)
     body = ProblemBody(
         type=f"urn:prooflight:{kind}",
-        title=TITLES_OF_KINDS.get(kind) or TITLES.get(status, "The request failed"),
+        title=in_language(request, TITLES_OF_KINDS.get(kind) or TITLES.get(status, "The request failed")),
         status=status,
-        detail=detail,
+        detail=in_language(request, detail),
         errors=errors,
     )
     return JSONResponse(body.model_dump(), status, headers, media_type=MEDIA_TYPE)
@@ -102,14 +106,14 @@ def binary(media_type: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"description": "Bytes.", "content": {media_type: schema}}}
 
 
-def handle(app: FastAPI, *, page: ProblemPage) -> None:
-    """Register handlers by which every error leaves the application as a problem; page as in ``problem``.
+def handle(app: FastAPI, *, page: ProblemPage, in_language: InLanguage) -> None:
+    """Register handlers by which every error leaves the application as a problem; arguments as of ``problem``.
 
     A middleware answers what nobody foresaw, since Starlette's own handler of ``Exception`` is outside of all
     middleware: its responses would lack the security headers and the request's name. What is added to the application
     later is outside of it.
     """
-    handler = partial(problem, page)
+    handler = partial(problem, page, in_language)
     for kind in (Problem, ProoflightError, RequestValidationError, HTTPException):
         app.add_exception_handler(kind, handler)
     app.add_middleware(ServerErrorMiddleware, handler=handler)

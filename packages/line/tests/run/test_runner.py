@@ -203,6 +203,15 @@ def test_inspection_is_rehearsed_after_all_designs_are_loaded() -> None:
     assert inspector.before_sheets == ["load"] * 5 + ["rehearse"] * REHEARSALS
 
 
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_run_whose_first_sheets_wait_is_not_warmed_up_if_it_starts_at_once(at_once: bool) -> None:
+    inspector = SheetInspector()
+    running, told = run([seen(page) for page in range(3)], inspector=inspector, start_at_once=at_once)
+    assert len(told) == 3
+    assert (running.status().to_rehearse == 0) == at_once
+    assert running.status().rehearsed == running.status().to_rehearse
+
+
 def test_a_verdict_behind_its_deadline_is_late_and_still_told() -> None:
     clock = Clock()
 

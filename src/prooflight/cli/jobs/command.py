@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
@@ -123,18 +122,22 @@ def _job_and_press(
     """Return the job, a press for its pages, and the titles of the sample job, which is composed meanwhile."""
     from prooflight.cli.jobs import demonstration
     from prooflight.pages.job import JobSource
+    from prooflight.pages.parallel import worker_processes
 
     say = show.steps(quiet=json)
-    with ThreadPoolExecutor(max_workers=1) as composer:
+    with worker_processes(1) as composer:
         if job is None:
             # An extra that is missing is named at once.
             import_module("prooflight.simulation.corpus.sample_job.sample_job")
             job = out / "sample-job.pdf"
-            say("composing the sample job")
-            composed = composer.submit(demonstration.sample_job, job, seed=seed)
+            titles = demonstration.stored_sample_job(job, seed=seed)
+            composed = None
+            if titles is None:
+                say("composing the sample job")
+                composed = composer.submit(demonstration.sample_job, job, seed=seed)
             sizes: Sequence[tuple[float, float]] = [demonstration.SAMPLE_SIZE_MM]
         else:
-            composed = None
+            composed = titles = None
             with JobSource(path=job, dpi=1.0, profile=profile).open() as opened:
                 sizes = opened.page_sizes_mm
         press = demonstration.demo_press(
@@ -144,7 +147,9 @@ def _job_and_press(
             progress=say,
             shown=lambda days, total, what: _shown(days, total, what, quiet=json),
         )
-    return job, press, () if composed is None else composed.result()
+        if composed is not None:
+            titles = composed.result()
+    return job, press, titles or ()
 
 
 def _print_totals(entries: Sequence[PageEntry], *, title: str, pages_per_s: float, json: bool) -> None:

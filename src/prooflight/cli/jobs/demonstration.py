@@ -126,14 +126,10 @@ def sample_job(path: Path, *, seed: int) -> tuple[str, ...]:
     """
     from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
 
-    key = f"{seed} {version('reportlab')} {program_digest()}"
-    stored = user_folder("cache") / "sample-job" / f"{hashlib.sha256(key.encode()).hexdigest()}.pdf"
-    with suppress(OSError, ValueError):
-        titles = tuple(json.loads(stored.with_suffix(".json").read_text(encoding="utf-8")))
-        with whole_file(path) as unfinished:
-            shutil.copyfile(stored, unfinished)
-        return titles
-    titles = make_sample_job(path, seed=seed).titles
+    earlier = stored_sample_job(path, seed=seed)
+    if earlier is not None:
+        return earlier
+    stored, titles = _place_of_sample_job(seed), make_sample_job(path, seed=seed).titles
     with suppress(OSError):  # where nothing can be written, each run composes it
         shutil.rmtree(stored.parent, ignore_errors=True)
         with whole_file(stored) as unfinished:
@@ -141,6 +137,22 @@ def sample_job(path: Path, *, seed: int) -> tuple[str, ...]:
         with whole_file(stored.with_suffix(".json")) as unfinished:
             unfinished.write_text(json.dumps(titles), encoding="utf-8")
     return titles
+
+
+def stored_sample_job(path: Path, *, seed: int) -> tuple[str, ...] | None:
+    """Write the sample job as it was composed before, and return its titles; None: it is not in the cache."""
+    stored = _place_of_sample_job(seed)
+    with suppress(OSError, ValueError):
+        titles = tuple(json.loads(stored.with_suffix(".json").read_text(encoding="utf-8")))
+        with whole_file(path) as unfinished:
+            shutil.copyfile(stored, unfinished)
+        return titles
+    return None
+
+
+def _place_of_sample_job(seed: int) -> Path:
+    key = f"{seed} {version('reportlab')} {program_digest()}"
+    return user_folder("cache") / "sample-job" / f"{hashlib.sha256(key.encode()).hexdigest()}.pdf"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,11 +105,6 @@ def preset_once(
         See ``train.trained``.
     progress
         Called with a message at each step.
-
-    Raises
-    ------
-    RequestError
-        If there are too few designs.
     """
 
     def build() -> Press:

@@ -41,7 +41,7 @@ from prooflight.detectors.paper.bayes import CORRECT, BayesDetector, BayesianNet
 from prooflight.errors import RequestError
 from prooflight.kernels.cache import is_cached
 from prooflight.kernels.statistics.forest import shares_of
-from prooflight.pages.parallel import Processes, in_order
+from prooflight.pages.parallel import Processes, in_order, worker_processes
 from prooflight.prediction.predict import predict
 from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
@@ -108,16 +108,32 @@ def trained(
     pages, which set the threshold. With ``paper`` the eighth also measure the unit of the paper's statistics, and
     misprints of the rest are printed, which train its network alone. RequestError: too few designs.
     """
-    worlds = len(stated_amounts(press))
-    plan, ranking = Plan.of(designs, worlds), shipped_ranking()
+    plan = Plan.of(designs, len(stated_amounts(press)))
     if processes != 1:
         compile_in_background(press, pages)
+    local = processes if isinstance(processes, int) else None
+    with worker_processes(local) as pool:  # for all steps: a process takes seconds to load what it needs
 
-    def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
-        days = days_of(which)
-        rows = in_order(work, days, processes=processes, fewest=FEWEST_DAYS)
-        return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
+        def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
+            days = days_of(which)
+            rows = in_order(work, days, processes=processes, fewest=FEWEST_DAYS, pool=pool)
+            return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
+        return _trained(press, pages, plan, gathered, seed=seed, rate=false_alarm_rate, paper=paper)
+
+
+def _trained(
+    press: Press,
+    pages: Designs,
+    plan: Plan,
+    gathered: Callable[[ScatterWork | StatisticsWork | UnitWork, range, str], Rows],
+    *,
+    seed: int,
+    rate: float,
+    paper: bool,
+) -> Press:
+    """Return ``trained``; gathered: the rows of a work for designs, and what is measured."""
+    ranking = shipped_ranking()
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
     scatter = _scatter_of(drawn, plan.pilot, press)
     unit = None
@@ -136,9 +152,9 @@ def trained(
     detector = fit_for(
         model,
         ranking.references,
-        replace(Pages.of(rows).rows(good), press=worlds_of(plan.calibrate, worlds)),
+        replace(Pages.of(rows).rows(good), press=worlds_of(plan.calibrate, len(stated_amounts(press)))),
         rows["another"][good],
-        false_alarm_rate=false_alarm_rate,
+        false_alarm_rate=rate,
         misprint_rate=press.costs.misprint_rate,
         glyphs=rows["glyphs"][good],
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.lookup import lookup_light
 
 EVEN_EDGE = 0.01
@@ -34,7 +35,7 @@ def tile_signals(packed, rows, columns, quantised, backing, signals):  # type: i
             if not 0 <= row < packed.shape[0]:
                 signal[:] = backing
                 continue
-            seen[left:right] = packed[row, columns[tile] + left : columns[tile] + right]
+            copy_row(packed[row, columns[tile] + left : columns[tile] + right], seen[left:right])
             lookup_light(seen, quantised, np.float32(0), signal)
             signal[:left] = backing
             signal[right:] = backing
@@ -69,7 +70,7 @@ def tile_information(  # type: ignore[no-untyped-def]
         for i in range(pixels):
             row[i] = (expected[coming, i] - offset[i]) * per_gain[i]
         if line < 0:
-            light[2] = row
+            copy_row(row, light[2])
             continue
         before, here, after = light[(line - 1) % 3], light[line % 3], light[(line + 1) % 3]
         counts = margin <= line % size < size - margin

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel
 from prooflight.kernels.planes import compose_row
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 
 TRUE_NODES = NODES + 4
@@ -258,7 +259,7 @@ def lookup_pair(packed, top, inks, table, printed, of_row, lights, textures):  #
     if top + 1 < rows:
         compose_row(packed, top + 1, inks.planes, lower)
     else:
-        lower[:] = upper
+        copy_row(upper, lower)
     fields_of_row(inks, top, of_row)
     lookup_rows(upper, lower, v, inks, of_row, table, lights, textures)
     add_specks(inks, top, v, of_row, table, lights, textures)

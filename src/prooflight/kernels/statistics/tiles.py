@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.residuals.fit import shows
 
 VOID, BLUR, WHOLE = 1 + 2 * INKS, 2 + 2 * INKS, 3 + 2 * INKS
@@ -229,7 +230,9 @@ def tile_sums(images, side, which, first, last, out):  # type: ignore[no-untyped
         for s in range(residual.shape[0]):
             own = ResidualImages(residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s])
             add_tile_row(own, begin, end, side, which, rows, scratch, sums, here)
-        out[:, :, tile] = here
+        for i in range(4):
+            for mode in range(which.size + 1):
+                copy_row(here[i, mode], out[i, mode, tile])
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

@@ -12,6 +12,8 @@ from prooflight.errors import ProoflightError
 from prooflight_line.journal.start import Start, StartFile
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from prooflight_console.running import Listening
 
 FOLDER: Final = Path("prooflight-demo")
@@ -79,36 +81,50 @@ def _watch(job: Path, press: Path) -> None:
 
 
 def _prepare(job: Path, press: Path, start_file: StartFile) -> None:
-    from prooflight.cli.jobs.demonstration import demo_press, sample_job
+    """Compose the job, and build the press meanwhile, where they do not exist yet."""
+    from prooflight.cli.jobs.demonstration import SAMPLE_SIZE_MM, sample_job
     from prooflight.pages.job import JobSource
+    from prooflight.pages.parallel import worker_processes
     from prooflight.press.artefact import Press
 
+    with worker_processes(1) as composer:
+        composed = None
+        if not job.exists():
+            show.steps(quiet=False)("composing the sample job")
+            start_file.write(Start(stage="job"))
+            composed = composer.submit(sample_job, job, seed=SEED)
+        try:
+            Press.load(press)
+        except (OSError, ProoflightError):
+            sizes: Sequence[tuple[float, float]] = (SAMPLE_SIZE_MM,)
+            if composed is None:
+                with JobSource(path=job, dpi=1.0).open() as opened:
+                    sizes = opened.page_sizes_mm
+            _build(press, sizes, start_file)
+        if composed is not None:
+            composed.result()
+
+
+def _build(press: Path, sizes_mm: Sequence[tuple[float, float]], start_file: StartFile) -> None:
+    from prooflight.cli.jobs.demonstration import demo_press
+
     say = show.steps(quiet=False)
-    if not job.exists():
-        say("composing the sample job")
-        start_file.write(Start(stage="job"))
-        sample_job(job, seed=SEED)
-    try:
-        Press.load(press)
-    except (OSError, ProoflightError):
-        with JobSource(path=job, dpi=1.0).open() as opened:
-            sizes = opened.page_sizes_mm
-        start_file.write(Start(stage="press"))
+    start_file.write(Start(stage="press"))
 
-        def noted(part: str) -> None:
-            say(part)
-            start_file.write(Start(stage="press", part=part))
+    def noted(part: str) -> None:
+        say(part)
+        start_file.write(Start(stage="press", part=part))
 
-        built = demo_press(
-            sizes,
-            world="press",
-            seed=SEED,
-            progress=noted,
-            shown=lambda days, total, what: start_file.noted(
-                show.progress(iter(days), total=total, what=what), total=total, stage="press", part=what
-            ),
-        )
-        built.save(press)
+    built = demo_press(
+        sizes_mm,
+        world="press",
+        seed=SEED,
+        progress=noted,
+        shown=lambda days, total, what: start_file.noted(
+            show.progress(iter(days), total=total, what=what), total=total, stage="press", part=what
+        ),
+    )
+    built.save(press)
 
 
 def ended(error: typer.Exit) -> int:

@@ -44,6 +44,11 @@ def language_of(request: Request, who: Who | None) -> Language:
     return language(ENGLISH)
 
 
+def in_language(request: Request, text: str) -> str:
+    """Return a sentence in the language that a request accepts; pages' scripts state the page's own."""
+    return language_of(request, None).sentence(text)
+
+
 @cache
 def environment() -> Environment:
     """Return the environment of templates, which escapes all values."""

@@ -11,6 +11,7 @@ function send(file) {
     const request = new XMLHttpRequest();
     request.open("POST", "/api/v1/queue/files?name=" + encodeURIComponent(file.name));
     request.setRequestHeader("X-CSRF-Token", document.querySelector('meta[name="csrf"]').content);
+    request.setRequestHeader("Accept-Language", document.documentElement.lang);
     request.setRequestHeader("Content-Type", "application/octet-stream");
     request.upload.onprogress = (event) => {
       if (event.lengthComputable) told.textContent = `${file.name}: ${Math.round((100 * event.loaded) / event.total)} %`;

@@ -216,7 +216,7 @@ const looked_for = async (base, asked) => {
 const asked_of = async (address, options = {}) => {
   const answer = await fetch(address, {
     ...options,
-    headers: { "X-CSRF-Token": csrf, ...(options.body ? { "Content-Type": "application/json" } : {}), ...options.headers },
+    headers: { "X-CSRF-Token": csrf, "Accept-Language": document.documentElement.lang, ...(options.body ? { "Content-Type": "application/json" } : {}), ...options.headers },
   });
   if (answer.status === 401) location.assign("/sign-in?next=" + encodeURIComponent(location.pathname));
   const said = answer.status === 204 ? {} : await answer.json();

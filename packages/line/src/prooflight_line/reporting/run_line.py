@@ -65,9 +65,9 @@ def preparation(status: Status) -> str:
     """Say how many designs are ready before the first line, and how long the others will take."""
     ready = f"{status.ahead} of {wording.count(status.to_prepare, 'design')} ready"
     left = status.to_prepare - status.ahead
-    if left <= 0:
+    if left <= 0 and status.to_rehearse:
         return f"{ready}, warmed up: {status.rehearsed} of {status.to_rehearse}"
-    if not status.ahead:
+    if left <= 0 or not status.ahead:
         return ready
     return f"{ready}, about {math.ceil(status.elapsed_s * left / status.ahead)} s left"
 

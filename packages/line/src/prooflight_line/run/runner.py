@@ -243,13 +243,18 @@ class Running:
             self._ended.set()
 
     def _prepare(self) -> None:
-        """Prepare the job's designs, as many as fit into memory, and compile everything, before the first line."""
+        """Prepare the job's designs, as many as fit into memory, and compile everything, before the first line.
+
+        A run that starts at once prepares the first design alone; if its source waits, it compiles nothing in advance.
+        """
         self.tally.phase = Phase.PREPARING
         for sheet, flaw in self._flaws.items():
             self._unusable.add(self._page_store.design(sheet), self._name(sheet), flaw)
         first = self._first_of_designs()
         self.tally.to_prepare = len(first)
-        self.tally.to_rehearse = REHEARSALS * self._settings.inspectors
+        # Where the first sheets wait, they warm up themselves, and the first verdict does not wait for a rehearsal.
+        waits = self._settings.start_at_once and self._settings.source_waits
+        self.tally.to_rehearse = 0 if waits else REHEARSALS * self._settings.inspectors
         for count, sheet in enumerate(first):
             if self._stopping.is_set() or (count >= self._settings.ahead and not self._prefetcher.has_room):
                 break
@@ -261,6 +266,8 @@ class Running:
         if not self._prefetcher.ready:
             # Raises the error: none of the first designs can be used.
             self._prefetcher.get(self._first_due)
+        if not self.tally.to_rehearse:
+            return
         # With the largest design, so that each thread has memory for its pages, and after all designs are loaded: the
         # first inspection after that took three times as long.
         inspector, ready, _ = self._prefetcher.largest()

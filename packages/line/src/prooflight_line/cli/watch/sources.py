@@ -30,8 +30,10 @@ if TYPE_CHECKING:
     from prooflight_line.cameras.source import CameraLines
     from prooflight_line.cli.watch.options import DrumOptions
 
-FIRST_PRINTS = 4
-"""Prints of the simulated drum before the first sheet passes, of a run that starts at once."""
+FIRST_PRINTS = 1
+"""Prints of the drum before the first sheet passes, of a run that starts at once.
+
+This process makes them, since other processes take longer to start."""
 SLOWEST, FASTEST = 0.001, 1000.0
 """Slowest and fastest speed of the drum. [pages/s]"""
 
@@ -232,11 +234,12 @@ def _drum(
         urgent=FIRST_PRINTS if wishes.at_once else None,
     )
     count = ring_size(wishes.pages, wishes.sheets)
-    in_turn = rendered(prints, count, other_sheets=bool(wishes.options.fault_every))
     # Whoever feeds a controller must know of each print whether it is a misprint; one processor prints in this process.
     grows = wishes.at_once and wishes.fed is None and count >= FEWEST_FOR_PROCESSES and os.cpu_count() != 1
-    first = FIRST_PRINTS if grows else count
-    drawn = list(shown(islice(in_turn, first), first))
+    first = FIRST_PRINTS if grows else 0
+    in_turn = rendered(prints, count, first=first, other_sheets=bool(wishes.options.fault_every))
+    waited = map(prints, range(first)) if grows else islice(in_turn, count)
+    drawn = list(shown(waited, first or count))
     blank: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
     foreign: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
     if grows:

@@ -23,6 +23,7 @@ from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.engine_check import PATCHES, differences, sentence
 from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.pdf.rip_model import FillRule, RipModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,6 +43,7 @@ import numpy as np, tifffile
 from prooflight.errors import JobError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.pdf.rip_model import FillRule, RipModel
 from pathlib import Path
 from dataclasses import replace
 pdf, number, dpi, out = Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), Path(sys.argv[4])
@@ -264,6 +266,37 @@ def test_ghostscript_puts_a_page_where_mupdf_puts_it(write_pdf: WritePdf, page: 
                 for cmyk in (by_mupdf, by_ghostscript)
             ]
             assert np.abs(ends[0] - ends[1]).max() <= 1
+
+
+FRACTIONS = (
+    "0 0 0 1 k 0 0 0 1 K 10.03 10 20.31 15.77 re f 40 10.02 8.4 12 re f 0.5 w 10 60.13 m 90 60.13 l S "
+    "0.3 w 75.27 5 m 75.27 55 l S 0 w 5 80.04 m 95 80.04 l S"
+)
+"""Rectangles and lines at parts of a pixel of 1200 dpi, which is 0.06 points, and on its borders."""
+
+
+@pytest.mark.parametrize(
+    ("fill", "begins", "ends"), [("centre", np.round, np.round), ("any-part", np.floor, np.ceil)]
+)
+def test_a_rule_fills_the_pixels_that_it_states(
+    write_pdf: WritePdf, fill: FillRule, begins: Any, ends: Any
+) -> None:
+    edges = np.array([[10.03, 33.44], [50.0, 58.32], [70.021, 70.37]])
+    paths = " ".join(f"{left} 10 {right - left:.3f} 50 re f" for left, right in edges.tolist())
+    how = {"drawn_dpi": 720, "rip": RipModel(fill=fill)}
+    filled = rip(write_pdf(f"0 0 0 1 k {paths}"), None, 720, **how)[500, :, 3] > 0
+    for left, right in 10 * edges:
+        inside = slice(int(begins(left)), int(ends(right)))
+        assert filled[inside].all()
+        assert not filled[[inside.start - 1, inside.stop]].any()
+
+
+@needs_ghostscript
+def test_any_part_fills_the_pixels_of_paths_that_ghostscript_fills(write_pdf: WritePdf) -> None:
+    job = write_pdf(FRACTIONS)
+    by_mupdf = rip(job, None, 1200, drawn_dpi=1200, rip=RipModel(fill="any-part"))
+    # The line thinner than a pixel ends a pixel later.
+    assert (by_mupdf != rip(job, GHOSTSCRIPT, 1200)).sum() <= 1
 
 
 @needs_ghostscript

@@ -47,10 +47,6 @@ def test_edges_lie_anywhere_in_a_pixel_unless_their_place_is_known() -> None:
     assert grows.edge_sd_mm(1200) == pytest.approx(0.005)
 
 
-def test_any_part_lies_half_a_pixel_out() -> None:
-    assert RipModel(fill="any-part").growth_pixels(1200) == (0.5,) * 4
-
-
 @pytest.mark.parametrize(
     ("lines", "message"),
     [

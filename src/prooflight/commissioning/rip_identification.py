@@ -45,6 +45,11 @@ PLATEAU: Final = 0.1
 """Largest change from the first to the second pixel of a run, as a share of its step."""
 SAME_STEP: Final = 0.4
 """Largest difference of the steps of both images, as a share; others are no edges of the same shape."""
+SURE: Final = 3.0
+"""Standard errors beyond which a growth is taken for one."""
+LEAST_GROWTH: Final = 0.05
+"""Growth that is not drawn: it would darken pictures, whose pixels have edges too, by more than it is worth. assumed
+[pixels]"""
 BETTER: Final = 0.9
 """Largest ratio of an identified rule's residual to the next best one's."""
 SIDE_POINTS: Final = (420.0, 320.0)
@@ -305,14 +310,16 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
         return {}, sentences
     growth, sd = [0.0] * INKS, [pixel_um / 12**0.5] * INKS
     for ink, one in identified.items():
-        growth[ink], sd[ink] = pixel_um * one.growth_pixels, pixel_um * one.growth_sd
+        sd[ink] = pixel_um * one.growth_sd
+        if abs(one.growth_pixels) > max(SURE * one.growth_sd, LEAST_GROWTH):
+            growth[ink] = pixel_um * one.growth_pixels
         verb = "grows" if growth[ink] >= 0 else "shrinks"
         sentences.append(
             f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and "
             f"its edges are within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
         )
-    tiles = np.array([one.tiles for one in identified.values()], float)
-    edge = float(np.sqrt(np.average([one.edge_sd**2 for one in identified.values()], weights=tiles)))
+    # Letters, which a RIP may fit to its pixels, are of one ink, and lie less surely than the shapes of the others.
+    edge = max(one.edge_sd for one in identified.values())
     fields: dict[str, Any] = {
         "growth_um": tuple(round(one, 2) for one in growth),
         "growth_sd_um": tuple(round(one, 2) for one in sd),

@@ -6,6 +6,7 @@ Imported late, by ``drawing`` only: it needs PyMuPDF at import.
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -14,7 +15,7 @@ import numpy as np
 from pymupdf import _mupdf, mupdf
 
 from prooflight.pages.pdf.colour_management import Inks, ToInk, address
-from prooflight.pages.pdf.fonts import DrawnFonts
+from prooflight.pages.pdf.fonts import DrawnFonts, has_outlines, outlines
 from prooflight.pages.pdf.images import (
     ConvertedImages,
     Decoding,
@@ -25,6 +26,7 @@ from prooflight.pages.pdf.images import (
     placed,
     raster_matrix,
 )
+from prooflight.pages.pdf.rip_model import MIDDLE, TOUCHED
 from prooflight.pages.pdf.tints import COLOURS_MAX, TintSpaces, TintUse
 
 _FORWARDED = {
@@ -44,6 +46,8 @@ _OVERRIDDEN = (
     *("begin_mask", "end_mask", "begin_group", "end_group", "set_default_colorspaces"),
 )
 _NO_TINT = TintUse()
+Samples = tuple[tuple[float, float], ...]
+NO_SAMPLES: Final[Samples] = ()
 COLOURS_CACHED: Final = 4096
 """Colours of a page of which it is kept how they are painted. Assumed: type and tints have fewer, a picture more."""
 
@@ -102,13 +106,14 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         page_knockout: bool,
         is_own_group: bool,
         text_knockout: bool,
+        samples: Samples,
     ) -> None:
         """Prepare drawing with ``inks`` for DeviceCMYK and ``rgb`` for DeviceRGB.
 
         They apply whatever the document's output intent is. ``plates`` are those that are drawn on.
         ``page_group``: the first group is the page's, and ``page_knockout`` is its K. ``is_own_group``: it
         names no colours to blend in, so these are the press's inks (ISO 32000-2, 11.4.7). ``text_knockout``:
-        glyphs knock each other out.
+        glyphs knock each other out. ``samples``: as ``RipModel.samples``.
         """
         super().__init__()
         self._drawing, self._inks, self._rgb, self._raster = drawing.m_internal, inks, rgb, raster
@@ -122,7 +127,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self._uses: dict[int, TintUse] = {}
         self._colours: dict[tuple[Any, ...], tuple[Any, list[float] | None, int, int]] = {}
         self._spaces: dict[int, Any] = {}  # so that addresses stay their own
-        self._text_knockout = text_knockout
+        self._text_knockout, self._samples = text_knockout, samples
         self._page_group, self._page_knockout, self._is_own_group = page_group, page_knockout, is_own_group
         for name in (*_FORWARDED, *_PAINTING, *_CLIPPING, *_OVERRIDDEN):
             getattr(self, f"use_virtual_{name}")()
@@ -269,6 +274,39 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
             exact = self.exact(space, colour, parameters)
             self.pass_on(draw, *arguments[:place], *exact, nearest_byte(alpha), *arguments[place + 3 :])
 
+    def paint_path(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
+        """Draw a filled or a stroked path, once for each sample of its pixels.
+
+        One that is not opaque is drawn once: where copies overlap, ink would add up.
+        """
+        ctm, samples = arguments[2], self._samples
+        if draw is _STROKE_PATH:
+            scale = self._raster.scale * math.sqrt(abs(ctm.a * ctm.d - ctm.b * ctm.c))
+            is_hairline = arguments[1].linewidth * scale <= 1.0 + TOUCHED
+        else:
+            is_hairline = False
+        if len(samples) > 1 and (is_hairline or arguments[place + 2] < 1):
+            samples = (MIDDLE,)
+        for moved in self._sampled(ctm, samples):
+            self.paint(draw, place, (*arguments[:2], moved, *arguments[3:]))
+
+    def _sampled(self, ctm: Any, samples: Samples) -> Iterator[Any]:
+        """Yield the matrices by which MuPDF, whose sample of a pixel is its last corner, takes these."""
+        if not samples:
+            yield ctm
+        for right, down in samples:
+            by = [(1 - part) / self._raster.scale for part in (right, down)]
+            yield mupdf.ll_fz_concat(ctm, mupdf.ll_fz_translate(*by))
+
+    def _paint_glyphs(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
+        """Draw a text, as paths where the rule of filling is stated: MuPDF puts glyphs in whole pixels."""
+        if draw is not _FILL_TEXT or not self._samples or not has_outlines(arguments[0]):
+            self.paint(draw, place, arguments)
+            return
+        (ctm,) = self._sampled(arguments[1], (MIDDLE,))
+        for outline in outlines(arguments[0]):
+            self.paint(_FILL_PATH, _PAINTING["fill_path"], (outline, 0, ctm, *arguments[2:]))
+
     def paint_text(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
         """Draw a text whose glyphs knock each other out (11.7.4.4): where they overlap, they do not add up."""
         text, alpha = arguments[0], arguments[place + 2]
@@ -278,14 +316,14 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
             or not self._text_knockout
             or not self._leaves_mark(arguments[place], alpha, arguments[-1])
         ):
-            self.paint(draw, place, arguments)
+            self._paint_glyphs(draw, place, arguments)
             return
         stroke, ctm = (
             (arguments[1], arguments[2]) if place == _PAINTING["stroke_text"] else (None, arguments[1])
         )
         area = mupdf.ll_fz_bound_text(text, stroke, ctm)
         self.pass_on(_mupdf.ll_fz_begin_group, area, None, 0, 0, mupdf.FZ_BLEND_NORMAL, nearest_byte(alpha))
-        self.paint(draw, place, (*arguments[: place + 2], 1.0, *arguments[place + 3 :]))
+        self._paint_glyphs(draw, place, (*arguments[: place + 2], 1.0, *arguments[place + 3 :]))
         self.pass_on(_mupdf.ll_fz_end_group)
 
     def clip_to_text(self, draw: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
@@ -401,9 +439,16 @@ def _forwarding(name: str) -> Callable[..., Any]:
     return lambda self, _context, *arguments: self.pass_on(draw, *arguments)
 
 
-def _painting(name: str, place: int) -> Callable[..., Any]:
+_FILL_PATH, _STROKE_PATH, _FILL_TEXT = (
+    _mupdf.ll_fz_fill_path,
+    _mupdf.ll_fz_stroke_path,
+    _mupdf.ll_fz_fill_text,
+)
+
+
+def _path(name: str, place: int) -> Callable[..., Any]:
     draw = getattr(_mupdf, f"ll_fz_{name}")  # not mupdf's: there, some take no more than four colorants
-    return lambda self, _context, *arguments: self.paint(draw, place, arguments)
+    return lambda self, _context, *arguments: self.paint_path(draw, place, arguments)
 
 
 def _clipping(name: str) -> Callable[..., Any]:
@@ -421,7 +466,7 @@ for _name, _function in _FORWARDED.items():
 for _name in _CLIPPING:
     setattr(PressDevice, _name, _clipping(_name))
 for _name, _place in _PAINTING.items():
-    setattr(PressDevice, _name, (_text if _name.endswith("text") else _painting)(_name, _place))
+    setattr(PressDevice, _name, (_text if _name.endswith("text") else _path)(_name, _place))
 
 
 MESH_COLORANTS_MAX: Final = 4

@@ -242,7 +242,7 @@ class PdfFile:
                 by = step * scale
                 draw_colours_directly(self._pdf(), contents.fonts)
                 ctm = mupdf.FzMatrix(by, 0, 0, by, left - box.x0 * by, lag - box.y0 * by - above)
-                drawing.draw(ctm, fine, edges)
+                drawing.draw(ctm, fine, edges, samples=rip.samples)
                 self._refuse_faults(number, drawing.observed.faults, contents, (box.x0, box.y0))
                 if drawn_dpi is not None:
                     from prooflight.pages.pdf.area_averages import area_averaged  # loads the compiler

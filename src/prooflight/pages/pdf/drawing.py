@@ -21,7 +21,7 @@ from PIL import ImageCms
 from pymupdf import mupdf
 
 from prooflight.pages.pdf.colour_management import Inks, fine_link
-from prooflight.pages.pdf.device import Observed, PressDevice
+from prooflight.pages.pdf.device import NO_SAMPLES, Observed, PressDevice, Samples
 from prooflight.pages.pdf.images import ConvertedImages, Raster
 from prooflight.pages.pdf.resources import get, items, name_of
 from prooflight.pages.pdf.tints import COLOURS_MAX, Tinted, TintSpaces
@@ -96,7 +96,7 @@ class PageDrawing:
         self.observed = Observed()
         self._page, self._tints, self._text_knockout = page, tints, text_knockout
         self._rgb = icc_space(intent) if intent[16:20] == b"RGB " else mupdf.fz_device_rgb()
-        self._edges = SHARP
+        self._edges, self._samples = SHARP, NO_SAMPLES
         self._images, self._curves = ConvertedImages(self.inks), dict[str, NDArray[np.uint8]]()
         group = get(page.obj(), "Group")
         self._is_own_group, knockout = get(group, "CS") is None, get(group, "K")
@@ -122,9 +122,9 @@ class PageDrawing:
         painted = list(dict.fromkeys(painted)) or ["none"]
         self._passes = [painted[i : i + PLATES_MAX] for i in range(0, len(painted), PLATES_MAX)]
 
-    def draw(self, ctm: Any, cmyk: NDArray[np.uint8], edges: Edges = SHARP) -> None:
+    def draw(self, ctm: Any, cmyk: NDArray[np.uint8], edges: Edges = SHARP, *, samples: Samples = ()) -> None:
         """Draw into the empty ``cmyk``, (rows, columns, 4); ``ctm`` maps the page to pixels."""
-        self._edges = edges
+        self._edges, self._samples = edges, samples
         for number, plates in enumerate(self._passes):
             if not plates:
                 self._run(ctm, cmyk, [])
@@ -167,6 +167,7 @@ class PageDrawing:
                 page_knockout=self._page_knockout,
                 is_own_group=self._is_own_group,
                 text_knockout=self._text_knockout,
+                samples=self._samples,
             )
             mupdf.pdf_run_page_with_usage(self._page, device, mupdf.FzMatrix(), "Print", mupdf.FzCookie())
             device.close()

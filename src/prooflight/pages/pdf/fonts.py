@@ -55,6 +55,35 @@ class DrawnFonts:
         return address(font) in self._fonts
 
 
+def has_outlines(text: Any) -> bool:
+    """Return whether all glyphs of a text (low level ``fz_text``) have outlines; those of Type 3 have none."""
+    span = text.head
+    while span:
+        if mupdf.ll_fz_font_t3_procs(span.font):
+            return False
+        span = span.next
+    return True
+
+
+def outlines(text: Any) -> Iterator[Any]:
+    """Yield the outline of each glyph of a text as a path (low level ``fz_path``), in the text's own space."""
+    span = text.head
+    while span:
+        memory = (ctypes.c_char * (span.len * _ITEM.itemsize)).from_address(address(span.items))
+        for item in np.frombuffer(memory, _ITEM):
+            at = float(item["x"]), float(item["y"])
+            place = mupdf.ll_fz_make_matrix(span.trm.a, span.trm.b, span.trm.c, span.trm.d, *at)
+            path = (
+                mupdf.ll_fz_outline_glyph(span.font, int(item["glyph"]), place)
+                if item["glyph"] >= 0
+                else None
+            )
+            if path:
+                yield path
+                mupdf.ll_fz_drop_path(path)
+        span = span.next
+
+
 def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
     """Draw the content of coloured glyphs of Type 3 fonts directly, like forms (ISO 32000-2, 9.6.4).
 

@@ -22,9 +22,14 @@ if TYPE_CHECKING:
 
 FillRule = Literal["centre", "any-part", "area"]
 """Which device pixels a shape fills: those whose centre it covers, those that it touches, or each by the area that it
-covers. ``any-part`` is drawn by centres and grown by half a pixel, which is where such edges lie on average: MuPDF's
-level 10, which should fill what a path touches, inked no more of a test page than its centres did."""
+covers. ``any-part`` is for paths, which are drawn four times, by the corners of pixels: MuPDF's level 10, which should
+fill what a path touches, inked no more of a test page than its centres did. Glyphs and lines thinner than a pixel are
+filled by centres, as by Ghostscript (PLRM 3, 7.5)."""
 FILL_RULES: Final[tuple[FillRule, ...]] = get_args(FillRule)
+MIDDLE: Final = (0.5, 0.5)
+TOUCHED: Final = 1 / 512
+"""Least part of a pixel that counts as any, half the unit in which Ghostscript rounds places: an edge on the border of
+two pixels touches one. [pixels]"""
 UNKNOWN_DPI: Final = 600.0
 """Assumed resolution of a press whose resolution is unknown. (assumed: no press of letters prints more
 coarsely)"""
@@ -86,14 +91,24 @@ class RipModel:
             raise ValueError("growth_sd_um goes with growth_um")
 
     @property
+    def samples(self) -> tuple[tuple[float, float], ...]:
+        """Points of a pixel, right and down from its corner; a path that covers one fills the pixel. [pixels]
+
+        Empty: MuPDF decides, whose only sample is the pixel's last corner.
+        """
+        if self.fill == "any-part":
+            ends = TOUCHED, 1 - TOUCHED
+            return tuple((right, down) for right in ends for down in ends)
+        return (MIDDLE,) if self.fill == "centre" else ()
+
+    @property
     def shapes_mupdf(self) -> bool:
         """Whether anything is stated that another engine than MuPDF decides by itself."""
         return self.fill is not None or self.least_line_um is not None or self.offset_um is not None
 
     def growth_pixels(self, dpi: float) -> Inks:
-        """Return how far the edges of each ink lie outside those that are drawn by centres. [device pixels]"""
-        rule = 0.5 if self.fill == "any-part" else 0.0
-        c, m, y, k = (rule + um * 1e-3 * dpi / MM_PER_INCH for um in self.growth_um or (0.0,) * INKS)
+        """Return how far the edges of each ink lie outside those that its rule fills. [device pixels]"""
+        c, m, y, k = (um * 1e-3 * dpi / MM_PER_INCH for um in self.growth_um or (0.0,) * INKS)
         return c, m, y, k
 
     def offset_pixels(self, dpi: float) -> tuple[float, float]:

@@ -152,6 +152,7 @@ def _made_up_days(
     *,
     processes: int | None = None,
     fewest: int,
+    pool: object = None,
 ) -> Iterator[dict[str, Any]]:
     """Good pages are the same whether misprints are asked for or not."""
     count = len(shipped_ranking().model.statistics)

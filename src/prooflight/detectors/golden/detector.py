@@ -172,7 +172,7 @@ class GoldenSheet(PreparedOnly):
     ignored: NDArray[np.bool_] | None = None
     """(lines, pixels) places of the golden that are not judged."""
     edge_strip_mm: float = EDGE_STRIP_MM
-    """Width of the strip along the sheet's edge that is not judged."""
+    """Width of the strip along the edge of either sheet that is not judged."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``; ScanError: the scan is not of the golden's kind.
@@ -200,7 +200,8 @@ class GoldenSheet(PreparedOnly):
             tolerance=self._tolerance,
             where=where,
             spread=self._spread(len(expected), lines, pixels),
-            ignored=self._unjudged(lines, pixels),
+            ignored=None if self.ignored is None else self.ignored[:lines, :pixels],
+            border=self._edge_strip(lines, pixels),
         )
         verdict = self._verdict(difference, turned=turned)
         return self._inspection(verdict, scan, expected, difference.excess)
@@ -243,20 +244,18 @@ class GoldenSheet(PreparedOnly):
             blot=2 * round(BLOT_EDGES * edge_pixels / 2) + 1,
         )
 
-    def _unjudged(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:
-        """Return the places of the golden that are not judged: ignored ones, and a strip along the sheet's edge."""
+    def _edge_strip(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:
+        """Return the strip along the sheet's edge, which is judged in neither scan; None: there is none."""
         sides_mm = pixels * self.pitch_mm[0] - 2 * self.left_mm, lines * self.pitch_mm[1] - self.lead_in_mm
-        ignored = None if self.ignored is None else self.ignored[:lines, :pixels].copy()
         if self.edge_strip_mm <= 0 or self.edge_strip_mm > MOST_STRIP * min(sides_mm):
-            return ignored
-        if ignored is None:
-            ignored = np.zeros((lines, pixels), np.bool_)
+            return None
+        strip = np.zeros((lines, pixels), np.bool_)
         across = round((self.left_mm + self.edge_strip_mm) / self.pitch_mm[0])
         above = round((self.lead_in_mm + self.edge_strip_mm) / self.pitch_mm[1])
         below = round(self.edge_strip_mm / self.pitch_mm[1])
-        ignored[:above] = ignored[lines - below :] = True
-        ignored[:, :across] = ignored[:, pixels - across :] = True
-        return ignored
+        strip[:above] = strip[lines - below :] = True
+        strip[:, :across] = strip[:, pixels - across :] = True
+        return strip
 
     def _verdict(self, difference: GoldenDifference, *, turned: bool) -> Verdict:
         places, where = marks(difference), difference.place

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prooflight.detectors.base import Inspection
-from prooflight.detectors.golden.detector import GUARANTEE
+from prooflight.detectors.golden.detector import GUARANTEE, NAME
 from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.job import UNUSABLE, unusable
 from prooflight.pages.parallel import KILLED
-from prooflight.reporting.pictures import SATURATION, Frame, encoded, grey_picture, pictures_of
+from prooflight.reporting.pictures import Frame, encoded, grey_picture, pictures_of
 from prooflight.reporting.report import PAGE_PICTURE_PX, PageEntry, RunSummary, unpictured_entry
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 PICTURE_GAMMA: Final = 2.2
 """Exponent by which pictures encode light (IEC 61966-2-1, nearly); a press's scans are linear."""
 WHITE_PERCENT: Final = 99.0
-SATURATED: Final = 0.25
-"""Mean difference of a block that has the strongest colour. [contrast]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +63,8 @@ class PicturedGolden:
         )
         alarm = None
         if verdict.verdict == "misprint":
-            block_z = result.block_z * np.float32(SATURATION / SATURATED)
             place = verdict.regions[0] if verdict.regions else None
-            alarm = pictures_of(expected, measured, block_z, frame, place=place)
+            alarm = pictures_of(expected, measured, result.block_z, frame, place=place)
         return PageEntry(
             number=page.number,
             name=page.name,
@@ -90,6 +87,7 @@ def golden_summary(inspector: GoldenInspector, *, scans: str, golden: str, pages
         seed=None,
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         pages_per_s=pages_per_s,
+        detector=NAME,
     )
 
 

@@ -90,6 +90,7 @@ class RunSummary:
     """Why the false-alarm rate is not guaranteed for these pages; empty if nothing indicates it."""
     warnings: tuple[str, ...] = ()
     """Warnings of the job, a line each."""
+    detector: str = "matched_filter"
 
     @classmethod
     def today(
@@ -115,6 +116,7 @@ class RunSummary:
             pages_per_s=pages_per_s,
             suspended=suspended,
             warnings=tuple(warnings),
+            detector=inspector.detector.name,
         )
 
 

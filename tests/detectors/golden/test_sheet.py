@@ -8,6 +8,7 @@ import pytest
 
 from prooflight.detectors.golden.detector import GoldenSheet, marks
 from prooflight.detectors.golden.differences import GoldenPlace, Tolerance, compare, mean_and_spread
+from prooflight.detectors.golden.place import place
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
 from prooflight.scans.scan import Scan
@@ -82,6 +83,25 @@ def test_another_side_is_another_page_either_way_round(turned: bool) -> None:
     found = judged(drawn(), other[:, ::-1, ::-1] if turned else other)
     assert (found.verdict, found.kind) == ("misprint", "wrong-page")
     assert "does not show" in found.reason
+
+
+def test_a_stamp_on_a_page_with_little_print_is_a_place_that_differs() -> None:
+    page = np.full((LINES, PIXELS), 240, np.float32)
+    for x in range(60, 180, 24):
+        cv2.rectangle(page, (x, 90), (x + 12, 102), 20, -1)
+    golden, stamped = (cv2.GaussianBlur(page, (0, 0), 0.8)[None] for _ in range(2))
+    squares = np.random.default_rng(5).integers(0, 2, (10, 10)).astype(np.float32)
+    stamped[0, 240:400, 180:340] = 20 + 220 * cv2.resize(squares, (160, 160), interpolation=cv2.INTER_NEAREST)
+    verdict = judged(golden, stamped)
+    assert (verdict.verdict, verdict.reason[:7]) == ("misprint", "1 place")
+    region = verdict.regions[0]
+    assert (region.x_mm, region.y_mm) == pytest.approx((180 * PITCH_MM, 240 * PITCH_MM), abs=2.0)
+
+
+def test_a_scan_with_opposite_edges_alone_is_not_located() -> None:
+    golden = np.full((LINES, PIXELS), 1.0, np.float32)
+    golden[:, 200:] = 0.1
+    assert not place(golden, 1.1 - golden).located
 
 
 @pytest.mark.parametrize("along", [True, False])

@@ -49,6 +49,8 @@ class SheetInspector:
 
     first: Callable[[str], None] = lambda _name: None
     prepared: list[Any] = field(default_factory=list)
+    before_sheets: list[str] = field(default_factory=list)
+    """What was done before the first sheet: ``load`` of a design, or ``rehearse``."""
 
     def prepare(self, page: Any) -> Any:
         self.prepared.append(page)
@@ -57,8 +59,14 @@ class SheetInspector:
     def close(self) -> None:
         """It has no processes."""
 
-    def warm_up(self, ready: Any) -> None:
-        pass
+    def rehearsal_scans(self, ready: Any) -> list[Any]:
+        return []
+
+    def rehearse(self, ready: Any, scans: Any) -> None:
+        self.before_sheets.append("rehearse")
+
+    def load(self, ready: Any) -> None:
+        self.before_sheets.append("load")
 
     def picture_to_store(self, scan: Any) -> None:
         pass

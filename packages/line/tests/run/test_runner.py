@@ -19,7 +19,7 @@ from prooflight_line.run.monitor.run import PageEvidence, RunMonitor
 from prooflight_line.run.outcomes import InOrder, Outcome, RunWatch, skipped
 from prooflight_line.run.prefetch import DesignPrefetcher
 from prooflight_line.run.queues import Waiting
-from prooflight_line.run.runner import Running
+from prooflight_line.run.runner import REHEARSALS, Running
 from prooflight_line.run.settings import Settings
 from prooflight_line.run.sheet_inspector import SheetResult
 from prooflight_line.run.sheets.records import Fault, MissingPage, SeenPage
@@ -195,6 +195,12 @@ def test_a_press_that_does_not_wait_is_read_when_all_designs_are_ready(
     settings = {"source_waits": False, "start_at_once": at_once, "ahead": 10, "deadline_s": 1e6}
     run(script, inspector=inspector, source=source, page_store=Book(50, designs=25), **settings)
     assert fewest <= begun[0] <= most
+
+
+def test_inspection_is_rehearsed_after_all_designs_are_loaded() -> None:
+    inspector = SheetInspector()
+    run([seen(page) for page in range(5)], inspector=inspector, source_waits=False, inspectors=1, room=10)
+    assert inspector.before_sheets == ["load"] * 5 + ["rehearse"] * REHEARSALS
 
 
 def test_a_verdict_behind_its_deadline_is_late_and_still_told() -> None:

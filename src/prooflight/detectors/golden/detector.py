@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 NAME: Final = "golden"
+BLOCK_SD: Final = 1 / 48
+"""Mean difference of a block that counts as a standard deviation of good prints in pictures, where a quarter of the
+contrast thus has the strongest colour. assumed [contrast]"""
 GUARANTEE: Final = (
     "none: tolerances were tuned on real pairs, "
     "docs/results/detector/golden.md states how often good ones alarm"
@@ -311,7 +314,7 @@ class GoldenSheet(PreparedOnly):
             placement=Placement(shift_mm=verdict.shift_mm or (0.0, 0.0)),
             area=area,
             measured_dn=scan.dn[:, *area],
-            block_z=np.asarray(blocks, np.float32)[None],
+            block_z=np.asarray(blocks / BLOCK_SD, np.float32)[None],
             expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
             stored_arrays={
                 "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),
@@ -392,7 +395,7 @@ def _kind(width_mm: float, height_mm: float, *, lighter: bool) -> str:
 
 def _reason(likeness: float, *, off_place: bool, registered: bool, places: int) -> str:
     if not registered:
-        return f"the scan does not show what the golden shows: their edges agree to {max(likeness, 0):.0%}"
+        return f"the scan does not show the expected page: their edges agree to {max(likeness, 0):.0%}"
     if off_place:
         return f"the page is {WRONG_SHIFT_MM} mm or more off the position of the golden"
     if places:

@@ -43,16 +43,17 @@ def evidence_of(
 
     family (statistics,); quantiles, tail, tail_from: as in ``DetectorModel``.
     """
-    evidence = np.empty((len(deviations), len(quantiles)))
     steps = np.linspace(0, tail_from, quantiles.shape[1])
-    for index in range(len(quantiles)):
-        greatest = deviations[:, family == index].max(axis=1)
-        begin, scale, shape = tail[index]
-        evidence[:, index] = -np.log10(1 - np.interp(greatest, quantiles[index], steps))
-        far = greatest > begin
-        beyond = 1 + shape * (greatest[far] - begin) / scale
-        evidence[far, index] = np.log10(beyond) / shape - np.log10(1 - tail_from)
-    return evidence
+    order = np.argsort(family, kind="stable")
+    begins = np.searchsorted(family[order], np.arange(len(quantiles)))
+    greatest = np.maximum.reduceat(deviations[:, order], begins, axis=1)
+    share = np.array(
+        [np.interp(of_pages, each, steps) for of_pages, each in zip(greatest.T, quantiles, strict=True)]
+    ).T
+    begin, scale, shape = tail.T
+    beyond = 1 + shape * (np.maximum(greatest, begin) - begin) / scale
+    of_tail = np.log10(beyond) / shape - np.log10(1 - tail_from)
+    return np.where(greatest > begin, of_tail, -np.log10(1 - share))
 
 
 def deviation_at(

@@ -74,7 +74,7 @@ _log = logging.getLogger(__name__)
 
 BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
-"""Number of warm-up inspections by each thread that inspects."""
+"""Number of times that each thread that inspects rehearses."""
 MIND_S: Final = 0.25
 """Interval of the checks whether the source has gone silent, or a person has stopped the run."""
 DOUBTED: Final = 3
@@ -249,7 +249,7 @@ class Running:
             self._unusable.add(self._page_store.design(sheet), self._name(sheet), flaw)
         first = self._first_of_designs()
         self.tally.to_prepare = len(first)
-        self.tally.to_rehearse = REHEARSALS * (self._settings.inspectors + 1)
+        self.tally.to_rehearse = REHEARSALS * self._settings.inspectors
         for count, sheet in enumerate(first):
             if self._stopping.is_set() or (count >= self._settings.ahead and not self._prefetcher.has_room):
                 break
@@ -261,20 +261,25 @@ class Running:
         if not self._prefetcher.ready:
             # Raises the error: none of the first designs can be used.
             self._prefetcher.get(self._first_due)
-        # On all threads at once and with the largest design, so that each has memory for its pages when sheets come.
+        # With the largest design, so that each thread has memory for its pages, and after all designs are loaded: the
+        # first inspection after that took three times as long.
         inspector, ready, _ = self._prefetcher.largest()
-        threads = self._settings.inspectors
-        with ThreadPoolExecutor(threads + 1) as warming:  # one more: designs are prepared meanwhile
-            turns = [warming.submit(self._rehearse, inspector, ready) for _ in range(self.tally.to_rehearse)]
-            turns += [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
-        for turn in turns:
+        with ThreadPoolExecutor(self._settings.inspectors) as warming:
+            loads = [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
+            scans = inspector.rehearsal_scans(ready)
+            turns = [
+                warming.submit(self._rehearse, inspector, ready, scans) for _ in range(self.tally.to_rehearse)
+            ]
+        for turn in loads + turns:
             if (error := turn.exception()) is not None:
                 _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
                 break
 
-    def _rehearse(self, inspector: SheetInspector, ready: PackedDesign) -> None:
+    def _rehearse(
+        self, inspector: SheetInspector, ready: PackedDesign, scans: list[NDArray[np.uint16]]
+    ) -> None:
         if not self._stopping.is_set():
-            inspector.warm_up(ready)
+            inspector.rehearse(ready, scans)
         self.tally.count("rehearsed")
 
     def _load(self, inspector: SheetInspector, ready: PackedDesign) -> None:

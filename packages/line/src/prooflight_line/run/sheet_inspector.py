@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
@@ -181,20 +181,26 @@ class SheetInspector:
         """
         return None if self.keep == "none" else scan_to_store(scan, self.inspector.press)
 
-    def warm_up(self, ready: PackedDesign) -> None:
-        """Exercise inspection and preparation, so that the first sheets wait for no compiler, cache or memory.
+    def rehearsal_scans(self, ready: PackedDesign) -> list[NDArray[np.uint16]]:
+        """Return scans (sensors, lines, pixels) [DN] after whose inspection none waits for compiler, cache or memory.
 
         The scan is the expected one, displaced and in place, with a hole: a misprint takes most time and memory.
+        The page is prepared again, for the sake of the designs that are prepared while sheets pass.
         """
         page = ready.unpacked().page
-        seen = self.inspector.planned(page).expected
-        expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
-        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
-        for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
-            scan = np.roll(expected, off, axis=(1, 2))
-            scan[:, lines, pixels] = hole
-            self.inspect(ready, scan, name="warm-up", seed=0)
         self._packed(page)
+        expected = self.inspector.planned(page).expected.expected_dn
+        plain = np.rint(expected).clip(0).astype(np.uint16)
+        scans = [np.roll(plain, off, axis=(1, 2)) for off in (OFF_PLACE, (0, 0))]
+        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in plain.shape[1:])
+        for scan, hole in zip(scans, (0, plain.max()), strict=True):
+            scan[:, lines, pixels] = hole
+        return scans
+
+    def rehearse(self, ready: PackedDesign, scans: Iterable[NDArray[np.uint16]]) -> None:
+        """Inspect ``rehearsal_scans`` of a design."""
+        for scan in scans:
+            self.inspect(ready, scan, name="warm-up", seed=0)
 
     def load(self, ready: PackedDesign) -> None:
         """Let the processes that inspect read a design, so that its first sheet need not wait for that."""

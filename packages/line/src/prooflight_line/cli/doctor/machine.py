@@ -237,7 +237,8 @@ def measure_speed(press: Press, *, steps: Iterable[int] = range(SHEETS)) -> Spee
     settle_process()
     sheets = SheetInspector(inspector=Inspector(press).with_threads(1))
     page = press.geometry.lay(_page(press))
-    sheets.warm_up(sheets.prepare(page))  # compiles kernels, and fills caches
+    ready = sheets.prepare(page)
+    sheets.rehearse(ready, sheets.rehearsal_scans(ready))  # compiles kernels, and fills caches
     began_s = time.process_time()
     ready = sheets.prepare(page)
     prepare_s = time.process_time() - began_s

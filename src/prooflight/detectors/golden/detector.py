@@ -172,6 +172,8 @@ class GoldenSheet(PreparedOnly):
     correction."""
     spread: NDArray[np.float32] | None = None
     """Standard deviation of each pixel of ``light`` over several goldens, of which it is the mean, in its unit."""
+    is_drawn: bool = False
+    """Whether ``light`` is drawn from the page's file: single strokes of a good print may then lack most of their ink."""
     ignored: NDArray[np.bool_] | None = None
     """(lines, pixels) places of the golden that are not judged."""
     edge_strip_mm: float = EDGE_STRIP_MM
@@ -245,6 +247,7 @@ class GoldenSheet(PreparedOnly):
             edge_pixels=edge_pixels,
             streak=(STREAK_PIXELS, length, STREAK_LEAST),
             blot=2 * round(BLOT_EDGES * edge_pixels / 2) + 1,
+            in_strokes=not self.is_drawn,
         )
 
     def _edge_strip(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:

@@ -157,6 +157,8 @@ class Tolerance:
     [contrast]; None: streaks are found only where they fill the windows above."""
     blot: int | None = None
     """Side of the window in which a void or a spot among fine print is searched for [pixels, odd]; None: in none."""
+    in_strokes: bool = True
+    """Whether voids are searched for in strokes that are thinner than that window, too (``_voids``)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -300,11 +302,13 @@ def _of_channel(
             difference = np.sign(difference) * np.maximum(np.abs(difference) - excused, 0)
             ink = np.maximum(ink - excused, 0)
         blots = _blots(difference, allowed.blot, allowed.edge_pixels, loose)
-        voids = _voids(difference, ink, missing, allowed.blot, loose)
         stronger = (blots > 0) & (np.abs(difference) > np.abs(excess))
-        excess = np.maximum(np.where(stronger, difference, excess), voids)
-        for counted in (blots, voids):
-            np.maximum(weight, counted, out=weight)
+        excess = np.where(stronger, difference, excess)
+        np.maximum(weight, blots, out=weight)
+        if allowed.in_strokes:
+            voids = _voids(difference, ink, missing, allowed.blot, loose)
+            np.maximum(excess, voids, out=excess)
+            np.maximum(weight, voids, out=weight)
     return excess, weight, misfit
 
 

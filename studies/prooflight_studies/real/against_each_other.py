@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from prooflight.inspection.job import Pair
 
 VOID_MM: Final = 0.5
-VOIDS: Final = 4
+VOIDS: Final = 8
 STREAKS: Final = 2
 STREAK_PIXELS: Final = 3
 STREAK_SHARE: Final = 0.25
@@ -44,12 +44,22 @@ BORDER_MM: Final = 15.0
 SEPARATION_MM: Final = 5.0
 INK: Final = 0.5
 """Number below which a pixel counts as ink, as a share of the greatest."""
-MOSTLY_INK: Final = 0.6
-"""Least share of a void that takes ink away."""
+LEAST_INK: Final = 0.2
+"""Least share of a void that takes ink away: 0.1 mm of its 0.5 mm, where it crosses a line. One that takes hardly any
+is no misprint."""
 BARE: Final = 0.99
 """Least share of a streak that lies on bare paper."""
 TRIES: Final = 20_000
 BoxMm = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VoidRow:
+    """One void of a sheet."""
+
+    ink_share: float
+    """Share of the void that print filled."""
+    caught: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +74,7 @@ class GoldenRow:
     verdict: str
     places: int
     """Places that differ on the sheet as it is."""
-    voids: int
-    voids_caught: int
+    voids: tuple[VoidRow, ...]
     streaks: int
     streaks_caught: int
 
@@ -150,7 +159,7 @@ def _row(
     picture = Image.open(page.scan.path)
     samples, pitch_mm = np.asarray(picture), MM_PER_INCH / float(picture.info["dpi"][0])
     size = samples.shape[1] * pitch_mm, samples.shape[0] * pitch_mm
-    marked, voids, streaks = _marked(samples, pitch_mm, _over(stamp_mm, size, turned), rng)
+    marked, voids, shares, streaks = _marked(samples, pitch_mm, _over(stamp_mm, size, turned), rng)
     Image.fromarray(marked).save(page.scan.path, dpi=picture.info["dpi"])
     judged = work(page)
     Image.fromarray(samples).save(page.scan.path, dpi=picture.info["dpi"])
@@ -168,8 +177,10 @@ def _row(
         turned=round_,
         verdict=clean.verdict,
         places=len(clean.regions),
-        voids=len(voids),
-        voids_caught=sum(caught[0]),
+        voids=tuple(
+            VoidRow(ink_share=round(share, 2), caught=one)
+            for share, one in zip(shares, caught[0], strict=True)
+        ),
         streaks=len(streaks),
         streaks_caught=sum(caught[1]),
     )
@@ -177,20 +188,24 @@ def _row(
 
 def _marked(
     samples: NDArray[np.uint8], pitch_mm: float, stamp_mm: BoxMm, rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], list[BoxMm], list[BoxMm]]:
-    """Return the sheet with voids in its print and streaks on its paper, and the boxes of both."""
+) -> tuple[NDArray[np.uint8], list[BoxMm], list[float], list[BoxMm]]:
+    """Return the sheet with voids in its print and streaks on its paper.
+
+    Also the boxes of voids, the share of each that print filled, and the boxes of streaks. A void's centre is print.
+    """
     marked, paper = samples.copy(), int(np.median(samples))
     radius = VOID_MM / 2 / pitch_mm
     reach = int(np.ceil(radius))
     along, across = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (along**2 + across**2 <= radius**2).astype(np.float32)
     ink = (samples < INK * 255).astype(np.float32)
+    filled = cv2.filter2D(ink, -1, disc / disc.sum())
     border, length = round(BORDER_MM / pitch_mm), round(STREAK_MM / pitch_mm)
     free = np.zeros(samples.shape, np.bool_)
     free[border:-border, border:-border] = True
     left, top, width, height = (round(side / pitch_mm) for side in stamp_mm)
     free[max(top - border, 0) : top + height + border, left : left + width] = False
-    inked = np.argwhere((cv2.filter2D(ink, -1, disc / disc.sum()) > MOSTLY_INK) & free)
+    inked = np.argwhere((ink > 0) & (filled >= LEAST_INK) & free)
     bare = cv2.boxFilter((samples >= paper - 3).astype(np.float32), -1, (3 * STREAK_PIXELS, length)) > BARE
     inside = free.copy()
     inside[: length // 2 + border] = inside[len(samples) - length // 2 - border :] = False
@@ -198,10 +213,8 @@ def _marked(
         bare & inside & cv2.erode(free.astype(np.uint8), np.ones((length, 1))).astype(bool)
     )
     taken: list[tuple[float, float]] = []
-    voids = [
-        (x - reach, y - reach, 2 * reach + 1, 2 * reach + 1)
-        for y, x in _drawn(inked, VOIDS, taken, pitch_mm, rng)
-    ]
+    centres = _drawn(inked, VOIDS, taken, pitch_mm, rng)
+    voids = [(x - reach, y - reach, 2 * reach + 1, 2 * reach + 1) for y, x in centres]
     streaks = [
         (x - STREAK_PIXELS // 2, y - length // 2, STREAK_PIXELS, length)
         for y, x in _drawn(bare_places, STREAKS, taken, pitch_mm, rng)
@@ -213,7 +226,7 @@ def _marked(
         part = marked[y : y + high, x : x + wide]
         part[:] = np.rint(part * (1 - STREAK_SHARE))
     scale = [[tuple(side * pitch_mm for side in box) for box in boxes] for boxes in (voids, streaks)]
-    return marked, scale[0], scale[1]  # type: ignore[return-value]
+    return marked, scale[0], [float(filled[at]) for at in centres], scale[1]  # type: ignore[return-value]
 
 
 def _drawn(

@@ -168,7 +168,9 @@ class DrawnDetector(PictureDetector):
             self.press_context, sensors=()
         )  # the drawn page is compared with numbers, not with light
         sheet = GoldenDetector(press_context=pictures, goldens={page.name: golden}).prepare(planned)
-        return DrawnSheet(golden=sheet, sensors=self.press_context.sensors, expected=planned)
+        return DrawnSheet(
+            golden=replace(sheet, is_drawn=True), sensors=self.press_context.sensors, expected=planned
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

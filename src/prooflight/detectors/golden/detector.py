@@ -172,10 +172,12 @@ class GoldenSheet(PreparedOnly):
     correction."""
     spread: NDArray[np.float32] | None = None
     """Standard deviation of each pixel of ``light`` over several goldens, of which it is the mean, in its unit."""
+    is_drawn: bool = False
+    """Whether ``light`` is drawn from the page's file: single strokes of a good print may then lack most of their ink."""
     ignored: NDArray[np.bool_] | None = None
     """(lines, pixels) places of the golden that are not judged."""
     edge_strip_mm: float = EDGE_STRIP_MM
-    """Width of the strip along the sheet's edge that is not judged."""
+    """Width of the strip along the edge of either sheet that is not judged."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``; ScanError: the scan is not of the golden's kind.
@@ -203,7 +205,8 @@ class GoldenSheet(PreparedOnly):
             tolerance=self._tolerance,
             where=where,
             spread=self._spread(len(expected), lines, pixels),
-            ignored=self._unjudged(lines, pixels),
+            ignored=None if self.ignored is None else self.ignored[:lines, :pixels],
+            border=self._edge_strip(lines, pixels),
         )
         verdict = self._verdict(difference, turned=turned)
         return self._inspection(verdict, scan, expected, difference.excess)
@@ -244,22 +247,21 @@ class GoldenSheet(PreparedOnly):
             edge_pixels=edge_pixels,
             streak=(STREAK_PIXELS, length, STREAK_LEAST),
             blot=2 * round(BLOT_EDGES * edge_pixels / 2) + 1,
+            in_strokes=not self.is_drawn,
         )
 
-    def _unjudged(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:
-        """Return the places of the golden that are not judged: ignored ones, and a strip along the sheet's edge."""
+    def _edge_strip(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:
+        """Return the strip along the sheet's edge, which is judged in neither scan; None: there is none."""
         sides_mm = pixels * self.pitch_mm[0] - 2 * self.left_mm, lines * self.pitch_mm[1] - self.lead_in_mm
-        ignored = None if self.ignored is None else self.ignored[:lines, :pixels].copy()
         if self.edge_strip_mm <= 0 or self.edge_strip_mm > MOST_STRIP * min(sides_mm):
-            return ignored
-        if ignored is None:
-            ignored = np.zeros((lines, pixels), np.bool_)
+            return None
+        strip = np.zeros((lines, pixels), np.bool_)
         across = round((self.left_mm + self.edge_strip_mm) / self.pitch_mm[0])
         above = round((self.lead_in_mm + self.edge_strip_mm) / self.pitch_mm[1])
         below = round(self.edge_strip_mm / self.pitch_mm[1])
-        ignored[:above] = ignored[lines - below :] = True
-        ignored[:, :across] = ignored[:, pixels - across :] = True
-        return ignored
+        strip[:above] = strip[lines - below :] = True
+        strip[:, :across] = strip[:, pixels - across :] = True
+        return strip
 
     def _verdict(self, difference: GoldenDifference, *, turned: bool) -> Verdict:
         places, where = marks(difference), difference.place

@@ -125,6 +125,15 @@ STREAK_SHARE: Final = 0.7
 """Minimum share of a streak's window that differs by half as much as a streak must: a spot fills less. [-]"""
 SPREAD_SIGMAS: Final = 2.0
 """Difference that is excused where several goldens differ. [standard deviations of a pixel over them]"""
+VOID_SHARE: Final = 0.6
+"""Least share of its ink that a window loses by a void. Windows of good sheets of docs/results/detector/real.md lose at
+most 0.42, specks aside; voids whose outline is blurred by 0.6 pixels take 0.7 or more (both were seen before it was
+chosen). [-]"""
+LEAST_INK: Final = 0.2
+"""Least ink of a window, as a mean, in which a void is searched for: 5 black pixels of 25, which is a line of 0.1 mm at
+300 dpi. A void on less removes hardly any ink. [contrast]"""
+INK: Final = 0.5
+"""Ink above which a pixel belongs to print. [contrast]"""
 MOSTLY: Final = 0.8
 """Minimum share of displaced edges in all differences for two scans not to fit; of another page's
 differences, half at most are near an edge by chance. [-]"""
@@ -148,6 +157,8 @@ class Tolerance:
     [contrast]; None: streaks are found only where they fill the windows above."""
     blot: int | None = None
     """Side of the window in which a void or a spot among fine print is searched for [pixels, odd]; None: in none."""
+    in_strokes: bool = True
+    """Whether voids are searched for in strokes that are thinner than that window, too (``_voids``)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -208,13 +219,14 @@ def compare(
     where: GoldenPlace | None = None,
     spread: NDArray[np.floating] | None = None,
     ignored: NDArray[np.bool_] | None = None,
+    border: NDArray[np.bool_] | None = None,
 ) -> GoldenDifference:
     """Compare two scans of one page, both (channels, lines, pixels) in any one unit of light.
 
     The golden is moved to where the scan shows it (``where``, if that is known), adapted to the scan's
     levels, and not smoothed; its noise counts as the scan's does. spread: standard deviation of each of its
     pixels, where it is the mean of several goldens, in their unit. ignored: (lines, pixels) places of the
-    golden that are not judged.
+    golden that are not judged. border: (lines, pixels) places that are not judged in either scan.
     """
     allowed = tolerance or Tolerance()
     spreads: list[NDArray[np.float32] | None] = [None] * len(golden)
@@ -227,9 +239,10 @@ def compare(
     excess = np.zeros(golden.shape[1:], np.float32)
     weight = np.zeros_like(excess)
     loose, misfit = where.loose_pixels(excess.shape), 0.0
-    judged = np.ones(excess.shape, np.bool_)
-    if ignored is not None:
-        judged = ~(np.nan_to_num(where.moved(ignored.astype(np.float32)), nan=1.0) > MOVED_IN)
+    judged = np.ones(excess.shape, np.bool_) if border is None else ~border
+    for places in (ignored, border):
+        if places is not None:
+            judged &= ~(np.nan_to_num(where.moved(places.astype(np.float32)), nan=1.0) > MOVED_IN)
     for one, other, each in zip(golden, scan, spreads, strict=True):
         excused = None if each is None else np.nan_to_num(where.moved(each))
         channel_excess, counted, off = _of_channel(where.moved(one), other, allowed, loose, judged, excused)
@@ -258,6 +271,7 @@ def _of_channel(
     sd = _noise_sd(moved, scan - moved, flat)
     noise = EDGE_SIGMAS * sd / np.sqrt(2)
     excess = np.where(valid, _excess(moved, scan, disc, noise), 0)
+    missing = excess > allowed.least[0][1] / 2
     for more in range(1, int(loose.max()) + 1):
         if (loose == more).any():
             looser = _excess(moved, scan, _disc(allowed.edge_pixels + more), noise)
@@ -282,13 +296,19 @@ def _of_channel(
     if allowed.streak is not None:
         np.maximum(weight, _streaks(excess, flat, allowed.streak), out=weight)
     if allowed.blot is not None:
-        difference = np.where(valid, scan - moved, 0)
+        difference, ink = np.where(valid, scan - moved, 0), np.maximum(1 - moved, 0)
+        missing &= _strokes(ink, allowed.blot)
         if spread is not None:
             difference = np.sign(difference) * np.maximum(np.abs(difference) - excused, 0)
+            ink = np.maximum(ink - excused, 0)
         blots = _blots(difference, allowed.blot, allowed.edge_pixels, loose)
         stronger = (blots > 0) & (np.abs(difference) > np.abs(excess))
         excess = np.where(stronger, difference, excess)
         np.maximum(weight, blots, out=weight)
+        if allowed.in_strokes:
+            voids = _voids(difference, ink, missing, allowed.blot, loose)
+            np.maximum(excess, voids, out=excess)
+            np.maximum(weight, voids, out=weight)
     return excess, weight, misfit
 
 
@@ -310,6 +330,49 @@ def _blots(
         covered = cv2.dilate(enough, np.ones((side, side), np.uint8))
         np.maximum(weight, np.where(sign * difference > least / 2, covered, 0), out=weight)
     return weight
+
+
+def _voids(
+    difference: NDArray[np.float32],
+    ink: NDArray[np.float32],
+    missing: NDArray[np.bool_],
+    side: int,
+    loose: NDArray[np.uint8],
+) -> NDArray[np.float32]:
+    """Return the share of its ink that the window about a void's pixel has lost (lines, pixels), 0 elsewhere. [-]
+
+    A void takes all ink of a stroke, however thin, but a thin stroke fills little of a window, so that the mean
+    difference there is small. The difference is therefore related to the ink of the golden, in two ways of which the
+    lesser counts: by their means, which a stroke that is displaced within the window does not change; and by the
+    matched filter for the ink that is expected there, which gains nothing from what is lighter beside the stroke.
+    Where the page lies off by ``loose`` pixels more, the lost ink must be missing from a window that is greater by as
+    many on each side. The centre of a void is a pixel of a stroke that is ``missing``, and is marked with its
+    neighbours: windows that are six tenths on the void have their centres within it.
+    """
+    mean, lost, squared, matched = (
+        cv2.blur(image, (side, side), borderType=cv2.BORDER_REFLECT)
+        for image in (ink, difference, ink * ink, difference * ink)
+    )
+    for more in range(1, int(loose.max()) + 1):
+        wide = side + 2 * more
+        around = cv2.blur(difference, (wide, wide), borderType=cv2.BORDER_REFLECT) * np.float32(
+            (wide / side) ** 2
+        )
+        lost = np.where(loose == more, np.minimum(lost, around), lost)
+    share = np.minimum(
+        lost / np.maximum(mean, np.float32(LEAST_INK)),
+        matched / np.maximum(squared, np.float32(LEAST_INK**2)),
+    )
+    gone = np.where(missing & (share > VOID_SHARE), share, np.float32(0))
+    return np.asarray(cv2.dilate(gone, np.ones((3, 3), np.uint8)), np.float32)
+
+
+def _strokes(ink: NDArray[np.float32], side: int) -> NDArray[np.bool_]:
+    """Return where print is greater than a window (lines, pixels): a smaller one may be the golden's own speck."""
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats((ink > INK).astype(np.uint8))
+    extent = boxes[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    extent[0] = 0
+    return np.asarray((extent > side)[labels], np.bool_)
 
 
 def _streaks(

@@ -173,7 +173,7 @@ class GoldenSheet(PreparedOnly):
     spread: NDArray[np.float32] | None = None
     """Standard deviation of each pixel of ``light`` over several goldens, of which it is the mean, in its unit."""
     is_drawn: bool = False
-    """Whether ``light`` is drawn from the page's file: single strokes of a good print may then lack most of their ink."""
+    """Whether ``light`` is drawn from the page's file: strokes of a good print may then lack most of their ink."""
     ignored: NDArray[np.bool_] | None = None
     """(lines, pixels) places of the golden that are not judged."""
     edge_strip_mm: float = EDGE_STRIP_MM

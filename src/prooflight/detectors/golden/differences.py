@@ -363,8 +363,8 @@ def _voids(
         lost / np.maximum(mean, np.float32(LEAST_INK)),
         matched / np.maximum(squared, np.float32(LEAST_INK**2)),
     )
-    gone = np.where(missing & (share > VOID_SHARE), share, np.float32(0))
-    return np.asarray(cv2.dilate(gone, np.ones((3, 3), np.uint8)), np.float32)
+    lost_share = np.where(missing & (share > VOID_SHARE), share, np.float32(0))
+    return np.asarray(cv2.dilate(lost_share, np.ones((3, 3), np.uint8)), np.float32)
 
 
 def _strokes(ink: NDArray[np.float32], side: int) -> NDArray[np.bool_]:

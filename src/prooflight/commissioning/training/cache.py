@@ -105,6 +105,11 @@ def preset_once(
         See ``train.trained``.
     progress
         Called with a message at each step.
+
+    Raises
+    ------
+    RequestError
+        If there are too few designs.
     """
 
     def build() -> Press:

@@ -15,14 +15,14 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 MANY = """
 import numpy as np
-from prooflight.kernels.compiled import inner_kernel
+from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def many(x):  # too much to be inlined
     LINES
     return x
 
-@inner_kernel()
+@kernel("x")
 def twice(x):
     return many(x) + many(x + 1)
 
@@ -46,13 +46,13 @@ STEP = 1
 """
 OUTER = """
 from inner import inner
-from prooflight.kernels.compiled import inner_kernel
+from prooflight.kernels.compiled import kernel
 
-@inner_kernel()
+@kernel("x")
 def outer(x):
     return 10 * inner(x)
 
-print(outer(1), sum(outer.stats.cache_hits.values()))
+print(outer(1), sum(outer.compiled.stats.cache_hits.values()))
 """
 
 

@@ -212,12 +212,18 @@ def test_a_console_that_began_before_its_journal_finds_it(tmp_path: Path) -> Non
             run = journal.begin_run(facts())
             journal.record(run, good(0))
             journal.commit()
-            came, state = list[tuple[str, int]](), ""
+            came, state, recorded = list[tuple[str, int]](), "", 1
             while not came or state != "good":  # either may be first
+                if (
+                    state == "good" and recorded == 1
+                ):  # the console may have found the journal after its sheet
+                    journal.record(run, good(1))
+                    journal.commit()
+                    recorded = 2
                 kind, row, data = next(events)
                 state = data["state"] if kind == "now" else state
                 came += [(row, data["sheet"])] if kind == "sheet" else []
-            assert came == [("1", 0)]
+            assert came[0] in {("1", 0), ("2", 1)}
 
 
 def test_a_hundred_listeners_ask_the_journal_no_more_than_one(console: Served) -> None:

@@ -132,6 +132,8 @@ chosen). [-]"""
 LEAST_INK: Final = 0.2
 """Least ink of a window, as a mean, in which a void is searched for: 5 black pixels of 25, which is a line of 0.1 mm at
 300 dpi. A void on less removes hardly any ink. [contrast]"""
+MOST_INK: Final = 0.9
+"""Mean ink above which print fills a window: what is missing there shows in the mean itself (``_blots``). [contrast]"""
 INK: Final = 0.5
 """Ink above which a pixel belongs to print. [contrast]"""
 MOSTLY: Final = 0.8
@@ -363,7 +365,7 @@ def _voids(
         lost / np.maximum(mean, np.float32(LEAST_INK)),
         matched / np.maximum(squared, np.float32(LEAST_INK**2)),
     )
-    lost_share = np.where(missing & (share > VOID_SHARE), share, np.float32(0))
+    lost_share = np.where(missing & (share > VOID_SHARE) & (mean < MOST_INK), share, np.float32(0))
     return np.asarray(cv2.dilate(lost_share, np.ones((3, 3), np.uint8)), np.float32)
 
 

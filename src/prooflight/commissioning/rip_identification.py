@@ -310,12 +310,13 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
         return {}, sentences
     growth, sd = [0.0] * INKS, [pixel_um / 12**0.5] * INKS
     for ink, one in identified.items():
-        sd[ink] = pixel_um * one.growth_sd
-        if abs(one.growth_pixels) > max(SURE * one.growth_sd, LEAST_GROWTH):
-            growth[ink] = pixel_um * one.growth_pixels
-        verb = "grows" if growth[ink] >= 0 else "shrinks"
+        measured, sd[ink] = pixel_um * one.growth_pixels, pixel_um * one.growth_sd
+        is_drawn = abs(one.growth_pixels) > max(SURE * one.growth_sd, LEAST_GROWTH)
+        growth[ink] = measured if is_drawn else 0.0
+        verb = "grows" if measured >= 0 else "shrinks"
         sentences.append(
-            f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and "
+            f"{INK_NAMES[ink].capitalize()} {verb} by {abs(measured):.1f} um (standard error {sd[ink]:.1f}"
+            f"{'' if is_drawn else ', too little to be drawn'}), and "
             f"its edges are within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
         )
     # Letters, which a RIP may fit to its pixels, are of one ink, and lie less surely than the shapes of the others.

@@ -26,26 +26,11 @@ from prooflight.detectors.paper.evidence import (
 from prooflight.kernels.comparison import one_pass as kernels
 from prooflight.prediction.compact import Scale
 
-
-@numba.njit
-def _normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z):  # type: ignore[no-untyped-def]
-    """Call a loop that only compiled loops call."""
-    kernels.normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z)
-
-
-@numba.njit
-def _dither_row(z, inverse, drop, noise, codes):  # type: ignore[no-untyped-def]
-    kernels.dither_row(z, inverse, drop, noise, codes)
-
-
-@numba.njit
-def _dither_soft_row(z, inverse, drop, noise, codes):  # type: ignore[no-untyped-def]
-    kernels.dither_soft_row(z, inverse, drop, noise, codes)
-
-
-@numba.njit
-def _settle_row(measured, mean, inverse, camera, noise, edges, reach, codes):  # type: ignore[no-untyped-def]
-    kernels.settle_row(measured, mean, inverse, camera, noise, edges, reach, codes)
+# Only compiled loops call these.
+_normalise_row = numba.njit(lambda *arguments: kernels.normalise_row(*arguments))
+_dither_row = numba.njit(lambda *arguments: kernels.dither_row(*arguments))
+_dither_soft_row = numba.njit(lambda *arguments: kernels.dither_soft_row(*arguments))
+_settle_row = numba.njit(lambda *arguments: kernels.settle_row(*arguments))
 
 
 TILE, BLOCK = 64, 8

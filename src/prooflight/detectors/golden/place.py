@@ -176,9 +176,9 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
             where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
         return where
 
-    def compared(where: GoldenPlace, shrink: int) -> GoldenPlace:
+    def compared(where: GoldenPlace, shrink: int, reach: int | None = None) -> GoldenPlace:
         small, seen = pictures[shrink]
-        return replace(where, likeness=_likeness(where.moved(small, shrink=shrink), seen))
+        return replace(where, likeness=_likeness(where.moved(small, shrink=shrink), seen, reach=reach))
 
     def penalised_likeness(where: GoldenPlace) -> float:
         return where.likeness - FAR * (np.hypot(*where.shift_pixels) / (REACH * max(golden.shape))) ** 2
@@ -187,19 +187,14 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
         tried = [compared(stepped(start, steps), 2) for start in starts for steps in STARTS]
         return compared(stepped(max(tried, key=penalised_likeness), further), 8)
 
-    def with_own(where: GoldenPlace) -> GoldenPlace:
-        if where.located or where.bent:
-            return where
-        small, seen = pictures[8]
-        return replace(where, likeness=_likeness(where.moved(small, shrink=8), seen, reach=OWN_REACH))
-
     flat = GoldenPlace(nodes=np.zeros((2, rows, columns), np.float32), tile_pixels=tile, likeness=1.0)
     best = best_from([flat.shifted(shift) for shift, _ in _first_shifts(golden, scan)], STEPS)
     if best.likeness >= LIKE_BENT:
         return best
     again = best_from([_fed_otherwise(*pictures[8], flat)], STEPS + FED_STEPS)
+    best = max(best, again, key=lambda where: where.likeness)
     # Of a sheet with little print, a stamp may have most edges.
-    return with_own(max(best, again, key=lambda where: where.likeness))
+    return best if best.located or best.bent else compared(best, 8, OWN_REACH)
 
 
 def residual_pixels(golden: NDArray[np.float32], scan: NDArray[np.float32], where: GoldenPlace) -> float:

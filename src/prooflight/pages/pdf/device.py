@@ -6,7 +6,6 @@ Imported late, by ``drawing`` only: it needs PyMuPDF at import.
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -279,31 +278,27 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
 
         One that is not opaque is drawn once: where copies overlap, ink would add up.
         """
-        ctm, samples = arguments[2], self._samples
-        if draw is _STROKE_PATH:
-            scale = self._raster.scale * math.sqrt(abs(ctm.a * ctm.d - ctm.b * ctm.c))
-            is_hairline = arguments[1].linewidth * scale <= 1.0 + TOUCHED
-        else:
-            is_hairline = False
-        if len(samples) > 1 and (is_hairline or arguments[place + 2] < 1):
-            samples = (MIDDLE,)
-        for moved in self._sampled(ctm, samples):
-            self.paint(draw, place, (*arguments[:2], moved, *arguments[3:]))
+        if not self._samples:
+            self.paint(draw, place, arguments)
+            return
+        ctm = arguments[2]
+        is_hairline = draw is _STROKE_PATH and (
+            arguments[1].linewidth * mupdf.ll_fz_matrix_expansion(ctm) * self._raster.scale <= 1.0 + TOUCHED
+        )
+        for sample in (MIDDLE,) if is_hairline or arguments[place + 2] < 1 else self._samples:
+            self.paint(draw, place, (*arguments[:2], self._sampled(ctm, sample), *arguments[3:]))
 
-    def _sampled(self, ctm: Any, samples: Samples) -> Iterator[Any]:
-        """Yield the matrices by which MuPDF, whose sample of a pixel is its last corner, takes these."""
-        if not samples:
-            yield ctm
-        for right, down in samples:
-            by = [(1 - part) / self._raster.scale for part in (right, down)]
-            yield mupdf.ll_fz_concat(ctm, mupdf.ll_fz_translate(*by))
+    def _sampled(self, ctm: Any, sample: tuple[float, float]) -> Any:
+        """Return the matrix by which MuPDF, whose sample of a pixel is its last corner, takes another."""
+        by = [(1 - part) / self._raster.scale for part in sample]
+        return mupdf.ll_fz_concat(ctm, mupdf.ll_fz_translate(*by))
 
     def _paint_glyphs(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
         """Draw a text, as paths where the rule of filling is stated: MuPDF puts glyphs in whole pixels."""
         if draw is not _FILL_TEXT or not self._samples or not has_outlines(arguments[0]):
             self.paint(draw, place, arguments)
             return
-        (ctm,) = self._sampled(arguments[1], (MIDDLE,))
+        ctm = self._sampled(arguments[1], MIDDLE)
         for outline in outlines(arguments[0]):
             self.paint(_FILL_PATH, _PAINTING["fill_path"], (outline, 0, ctm, *arguments[2:]))
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pymupdf import mupdf
 
 from prooflight.pages.pdf.colour_management import address
@@ -36,19 +37,15 @@ class DrawnFonts:
 
     def take_in(self, text: Any) -> None:
         """Record a text that is drawn (low level ``fz_text``)."""
-        span = text.head
-        while span:
+        for span, glyphs in _spans(text):
             font = span.font
             key = address(font)
             if key not in self._fonts:  # a page has thousands of texts and few fonts
                 self._fonts[key] = mupdf.FzFont(mupdf.ll_fz_keep_font(font))
-            memory = (ctypes.c_char * (span.len * _ITEM.itemsize)).from_address(address(span.items))
-            glyphs = np.frombuffer(memory, _ITEM)
             lacking = () if glyphs["glyph"].all() else glyphs["letter"][glyphs["glyph"] == 0].tolist()
             for letter in lacking:
                 if letter not in _BLANKS and not mupdf.ll_fz_font_t3_procs(font):
                     self.missing[mupdf.ll_fz_font_name(font), _shown(letter)] = None
-            span = span.next
 
     def has(self, font: Any) -> bool:
         """Return whether a text was drawn with a font (low level)."""
@@ -57,30 +54,28 @@ class DrawnFonts:
 
 def has_outlines(text: Any) -> bool:
     """Return whether all glyphs of a text (low level ``fz_text``) have outlines; those of Type 3 have none."""
-    span = text.head
-    while span:
-        if mupdf.ll_fz_font_t3_procs(span.font):
-            return False
-        span = span.next
-    return True
+    return not any(mupdf.ll_fz_font_t3_procs(span.font) for span, _ in _spans(text))
 
 
 def outlines(text: Any) -> Iterator[Any]:
     """Yield the outline of each glyph of a text as a path (low level ``fz_path``), in the text's own space."""
+    for span, glyphs in _spans(text):
+        of_span = span.trm.a, span.trm.b, span.trm.c, span.trm.d
+        for glyph in glyphs[glyphs["glyph"] >= 0]:
+            place = mupdf.ll_fz_make_matrix(*of_span, float(glyph["x"]), float(glyph["y"]))
+            if path := mupdf.ll_fz_outline_glyph(span.font, int(glyph["glyph"]), place):
+                try:
+                    yield path
+                finally:
+                    mupdf.ll_fz_drop_path(path)
+
+
+def _spans(text: Any) -> Iterator[tuple[Any, NDArray[np.void]]]:
+    """Yield each span of a text (low level ``fz_text``), and its glyphs as ``_ITEM``."""
     span = text.head
     while span:
         memory = (ctypes.c_char * (span.len * _ITEM.itemsize)).from_address(address(span.items))
-        for item in np.frombuffer(memory, _ITEM):
-            at = float(item["x"]), float(item["y"])
-            place = mupdf.ll_fz_make_matrix(span.trm.a, span.trm.b, span.trm.c, span.trm.d, *at)
-            path = (
-                mupdf.ll_fz_outline_glyph(span.font, int(item["glyph"]), place)
-                if item["glyph"] >= 0
-                else None
-            )
-            if path:
-                yield path
-                mupdf.ll_fz_drop_path(path)
+        yield span, np.frombuffer(memory, _ITEM)
         span = span.next
 
 

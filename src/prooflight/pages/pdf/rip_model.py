@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
 
 FillRule = Literal["centre", "any-part", "area"]
-"""Which device pixels a shape fills: those whose centre it covers, those that it touches, or each by the area that it
-covers. ``any-part`` is for paths, which are drawn four times, by the corners of pixels: MuPDF's level 10, which should
-fill what a path touches, inked no more of a test page than its centres did. Glyphs and lines thinner than a pixel are
-filled by centres, as by Ghostscript (PLRM 3, 7.5)."""
+"""Rule by which a shape fills device pixels: those whose centre it covers, those that it touches, or each by the area
+that it covers. ``any-part`` is for paths, which are drawn four times, by the corners of pixels: MuPDF's level 10, which
+should fill what a path touches, inked no more of a test page than its centres did. Glyphs and lines thinner than a
+pixel are filled by centres, as by Ghostscript (PLRM 3, 7.5)."""
 FILL_RULES: Final[tuple[FillRule, ...]] = get_args(FillRule)
 MIDDLE: Final = (0.5, 0.5)
 TOUCHED: Final = 1 / 512

@@ -102,5 +102,9 @@ def test_a_preset_is_written_as_a_press_file(tmp_path: Path, capsys: pytest.Capt
     assert run(["press", "preset", "scanner", "--grey", "-o", str(tmp_path / "office.toml")]) == 0
     assert "[geometry]" in (tmp_path / "office.toml").read_text(encoding="utf-8")
     capsys.readouterr()
-    assert run(["press", "preset", "flatbed"]) == 2
-    assert "choose scanner" in capsys.readouterr().err
+    for arguments, message in (
+        (("flatbed",), "choose from prototype, two-sensors, rgb-line, scanner"),
+        (("prototype", "--grey"), "do not apply to 'prototype'"),
+    ):
+        assert run(["press", "preset", *arguments]) == 2
+        assert message in capsys.readouterr().err

@@ -43,6 +43,7 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
+from prooflight.press import press_file
 from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
@@ -51,19 +52,18 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*(DOCS / "tutorial").glob("*.md"), *(DOCS / "how-to").glob("*.md")])
-PRESETS = "src/prooflight/press/presets"
 BLACK_40 = PressFile.prototype().text.replace("black_level_dn = 0", "black_level_dn = 40")
 
 BEFORE_LINES: Final = 1024
 NEEDS: Final[dict[str, tuple[str, ...]]] = {
-    "first-inspection": (f"small {PRESETS}", "prooflight-demo/sample-job.pdf"),
-    "press-file": (f"small {PRESETS}",),
+    "first-inspection": ("prooflight-demo/sample-job.pdf",),
+    "press-file": (),
     "office-scanners": (),
     "describe-your-inks": ("measured.txt", "recipes.csv"),
     "calibrate-from-a-chart": ("fine my.press",),
     "teach-a-press": ("press.toml", "long job.pdf"),
-    "design-a-camera": (PRESETS,),
-    "characterise-a-camera": (PRESETS,),
+    "design-a-camera": (),
+    "characterise-a-camera": (),
     "watch": ("job.pdf", "my.press"),
     "hot-folder": ("short job.pdf", "my.press"),
     "services": (),
@@ -84,8 +84,9 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "causes": ("press.toml", "job.pdf", "my.press"),
     "index": (),
 }
-"""What stands in the folder of a page before its first command. Small presets are of the paper's rig with an eighth of
-its pixels, eight times as wide."""
+"""What stands in the folder of a page before its first command."""
+ON_SMALL_PRESETS: Final = {"first-inspection", "press-file"}
+"""Pages that build a press of a preset: here of one with an eighth of its pixels, eight times as wide."""
 
 
 BLOCK = re.compile(
@@ -189,11 +190,6 @@ def user(session_folder: Path, prototype: PressFile) -> Callable[[str], Path]:
                 write_measured(path)
             case "recipes.csv":
                 path.write_text("C,M,Y,K\n50,40,40,0\n0,0,0,100\n")
-            case _ if name == PRESETS:
-                shutil.copytree(ROOT / PRESETS, path)
-            case _ if name == f"small {PRESETS}":
-                path.mkdir(parents=True)
-                (path / "prototype.toml").write_text(small(prototype.text, coarser=8))
             case _:
                 pytest.fail(f"nobody knows how to make {name}")
 
@@ -256,6 +252,9 @@ def test_every_command_runs(
     monkeypatch.setenv("PATH", os.pathsep.join(map(str, programs)))
     for name, value in {"HOME": str(tmp_path / "home"), "XDG_DATA_HOME": "", "XDG_STATE_HOME": ""}.items():
         monkeypatch.setenv(name, value)
+    if page.stem in ON_SMALL_PRESETS:
+        whole = press_file.preset_text
+        monkeypatch.setattr(press_file, "preset_text", lambda name: small(whole(name), coarser=8))
     for block in blocks(page):
         if block.language == "python":
             exec(compile(block.text, f"{page.name}", "exec"), {"__name__": "__main__"})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.build import build_press
-from prooflight.press.press_file import PressFile
+from prooflight.press.press_file import LINE_CAMERA_PRESETS, PressFile, line_camera_press_text
 from prooflight.press.scanner import field_mm, press_dpi, scanner_press_file
 from prooflight.scans.scanner.feeder import FeederPrior
 from prooflight.spectra import WAVE_NM
@@ -34,6 +34,14 @@ def test_every_preset_builds_and_paper_fills_much_of_the_swing(name: str) -> Non
     if name != "scanner":  # its rounding to eight bits is wider than the light of black
         assert max(share.black for share in press.clipped) < 0.01
     assert max(share.saturation for share in press.clipped) == 0.0
+
+
+@pytest.mark.parametrize("name", LINE_CAMERA_PRESETS)
+def test_a_file_for_an_actual_press_states_either_world_and_is_the_preset_otherwise(name: str) -> None:
+    written = PressFile(Path("my.toml"), line_camera_press_text(name))
+    assert written.variation() == {"world": "either"}
+    assert preset(name).variation() == {}
+    assert written.text.startswith(preset(name).text)
 
 
 def test_quantum_efficiencies_of_the_two_sensors_sum_to_a_flat_half() -> None:

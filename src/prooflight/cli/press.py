@@ -40,6 +40,13 @@ OWN_RIP_IS_BEST = (
     "no RIP is stated here, so that edges are expected within a pixel of 600 dpi"
 )
 
+ASSUMED_WORLD = (
+    "The press file does not state how sheets vary, so that the guarantee holds for sheets that vary as in the press "
+    'world; state world = "either" in [variation] unless you know that yours do'
+)
+SCANNER = "scanner"
+"""Preset of office scanners."""
+
 Artefact = Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")]
 
 
@@ -105,6 +112,8 @@ def build(
         )
     if not json and settings.rip_dpi is None and settings.rip_engine.name == "mupdf":
         show.people.print(OWN_RIP_IS_BEST)
+    if not json and functions and not settings.variation():
+        show.people.print(ASSUMED_WORLD)
     measured = None if columns is None else measured_columns(columns, settings.camera())
     press = build_press(settings, seed=seed, columns=measured, progress=show.steps(quiet=json))
     accuracy = table_accuracy(
@@ -176,26 +185,43 @@ def _rip_sentence(press: Press, differing: tuple[str, ...] | None) -> str:
 
 @app.command()
 def preset(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="scanner: an office scanner.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="prototype, two-sensors or rgb-line: a press with a line camera; scanner: an office scanner.",
+        ),
+    ],
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="PRESS.toml", help="Where to write; default: print.")
     ] = None,
     dpi: Annotated[
         float | None,
-        typer.Option(help="Resolution of the scans; default 150. [pixels/inch]", min=72, max=5080),
+        typer.Option(help="Scanner: resolution of the scans; default 150. [pixels/inch]", min=72, max=5080),
     ] = None,
     grey: Annotated[
-        bool, typer.Option("--grey", help="Scans are grey: one sensor instead of three.")
+        bool, typer.Option("--grey", help="Scanner: scans are grey, by one sensor instead of three.")
     ] = False,
-    width: Annotated[float, typer.Option(metavar="MM", help="Width of the field.", min=20, max=1000)] = 216.0,
+    width: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Scanner: width of the field; default 216.", min=20, max=1000),
+    ] = None,
 ) -> None:
     """Write the press file of a preset, to be changed and built."""
     from prooflight.files.atomic import whole_file
-    from prooflight.press.scanner import PRESET_DPI, press_dpi, scanner_press_text
+    from prooflight.press.press_file import LINE_CAMERA_PRESETS, line_camera_press_text
+    from prooflight.press.scanner import PRESET_DPI, WIDTHS_MM, press_dpi, scanner_press_text
 
-    if name != "scanner":
-        raise RequestError("preset", f"there is no {name!r}", remedy="choose scanner")
-    text = scanner_press_text(dpi=press_dpi(dpi or PRESET_DPI), grey=grey, width_mm=width)
+    if name == SCANNER:
+        text = scanner_press_text(dpi=press_dpi(dpi or PRESET_DPI), grey=grey, width_mm=width or WIDTHS_MM[0])
+    elif name not in LINE_CAMERA_PRESETS:
+        choices = ", ".join((*LINE_CAMERA_PRESETS, SCANNER))
+        raise RequestError("preset", f"there is no {shortly(name)!r}", remedy=f"choose from {choices}")
+    elif grey or dpi is not None or width is not None:
+        what = f"--dpi, --grey and --width do not apply to {name!r}"
+        raise RequestError("preset", what, remedy=f"omit them, or choose {SCANNER}")
+    else:
+        text = line_camera_press_text(name)
     if out is None:
         typer.echo(text, nl=False)
         return

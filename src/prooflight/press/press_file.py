@@ -57,6 +57,13 @@ CURVE_FILES: Final = GivenFiles(
 )
 TWO_SENSORS: Final = "two-sensors.toml"
 """Preset of the paper's camera with its second sensor."""
+LINE_CAMERA_PRESETS: Final = ("prototype", "two-sensors", "rgb-line")
+"""Names of the presets of presses with a line camera."""
+EITHER_WORLD: Final = """
+[variation]
+world = "either"                   # "press" or "measured" is enough if you know which of them your press is like
+"""
+"""Block that presets lack, since their own prints are simulated in a known world, and files for actual presses need."""
 FINEST_MM: Final = 0.001
 COARSEST_MM: Final = 5.0
 """Greatest extent of a pixel or a line on the page; office-class cameras see 0.02 to 0.3 mm."""
@@ -70,6 +77,16 @@ LARGEST_SCAN_GB: Final = 2.0
 _A4_LENGTH_MM: Final = 297.0
 _FEWEST_ELECTRONS: Final = 1e-3
 """Least electrons of white paper in a line: no sensor has so little noise that less could be seen."""
+
+
+def line_camera_press_text(name: str) -> str:
+    """Return the text of one of ``LINE_CAMERA_PRESETS`` for a press of which it is unknown how its sheets vary."""
+    return preset_text(f"{name}.toml") + EITHER_WORLD
+
+
+def preset_text(file_name: str) -> str:
+    """Return the text of a preset of the package."""
+    return resources.files("prooflight.press").joinpath("presets", file_name).read_text(encoding="utf-8")
 
 
 class PressFile:
@@ -98,8 +115,7 @@ class PressFile:
     @classmethod
     def preset(cls, name: str) -> Self:
         """Read a preset of the package; errors name it without its folder."""
-        file = resources.files("prooflight.press").joinpath("presets", name)
-        return cls(Path(name), file.read_text(encoding="utf-8"))
+        return cls(Path(name), preset_text(name))
 
     @classmethod
     def prototype(cls) -> Self:

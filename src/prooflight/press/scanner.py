@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.press.press_file import PressFile
+from prooflight.press.press_file import PressFile, preset_text
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
@@ -54,7 +53,7 @@ def scanner_press_text(*, dpi: float = PRESET_DPI, grey: bool = False, width_mm:
     width_mm
         Width of the field.
     """
-    text = resources.files("prooflight.press").joinpath("presets", PRESET).read_text(encoding="utf-8")
+    text = preset_text(PRESET)
     if grey:
         head, *sensors = text.split("[[sensor]]")
         rest = sensors[-1][sensors[-1].index("[transport]") :]

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import BLOCK_PIXELS
-from prooflight.detectors.paper.evidence import gather, interval_edges
+from prooflight.detectors.paper.evidence import compare, gather, interval_edges
 from prooflight.kernels.compiled import kernel
+from prooflight.prediction.compact import Scale, compact
 from prooflight_studies.harness.measures import normalised_error
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ REPEATS: Final = 9
 READ_LIMIT: Final = "read 6 bytes a pixel"
 """Row that reads the bytes of a scan and of its expected signal: an upper bound for any comparison."""
 COMPARE_AND_GATHER: Final = "compare and gather"
+LEAST_WORK: Final = "compare integers alone, without the draw"
+"""Row that neither makes integers of the prediction nor draws what the converter rounded away: the least work."""
 NUMPY: Final = "numpy, the same statistics of plain z"
 SSIM_SCIKIT: Final = "SSIM, scikit-image"
 SSIM_WINDOW: Final = 11
@@ -130,11 +133,31 @@ def ways(
         COMPARE_AND_GATHER: lambda: gather(
             measured_dn, expected, variance, top_codes_dn=top_codes_dn, seed=1, threads=1
         ),
+        LEAST_WORK: _least_work(measured_dn, prediction, top_codes_dn),
         NUMPY: lambda: numpy_statistics(measured_dn, prediction),
         "absolute difference alone, OpenCV": lambda: cv2.absdiff(measured_dn[0], whole),
         "SSIM, OpenCV": lambda: ssim_opencv(image, model, top=top),
         **_scikit_image(image, model, top),
     }
+
+
+def _least_work(
+    measured_dn: NDArray[np.uint16], prediction: Prediction, top_codes_dn: Sequence[int]
+) -> Callable[[], object]:
+    """Return the function of ``LEAST_WORK``."""
+    expected, variance = prediction.expected_dn, prediction.variance_dn2
+    scales = [
+        Scale.of(top_code_dn=top, least_variance_dn2=float(of_sensor.min()))
+        for top, of_sensor in zip(top_codes_dn, variance, strict=True)
+    ]
+    codes = [compact(expected[sensor], variance[sensor], scale) for sensor, scale in enumerate(scales)]
+    lines = range(measured_dn.shape[1])
+    return lambda: [
+        compare(
+            measured_dn[sensor], *codes[sensor], scale=scale, sensor=sensor, lines=lines, seed=1, dither=False
+        )
+        for sensor, scale in enumerate(scales)
+    ]
 
 
 def in_turns(

@@ -6,6 +6,7 @@ import pytest
 from prooflight.prediction.predict import Prediction
 from prooflight_studies.speed.compare import (
     COMPARE_AND_GATHER,
+    LEAST_WORK,
     NUMPY,
     READ_LIMIT,
     compare_rows,
@@ -24,7 +25,7 @@ def images() -> tuple[np.ndarray, Prediction]:
 
 def test_every_way_is_timed_beside_the_limit(images: tuple[np.ndarray, Prediction]) -> None:
     rows = {row.name: row for row in compare_rows(*images, top_codes_dn=[4095], repeats=2)}
-    assert {READ_LIMIT, COMPARE_AND_GATHER, NUMPY} < rows.keys()
+    assert {READ_LIMIT, COMPARE_AND_GATHER, LEAST_WORK, NUMPY} < rows.keys()
     assert rows[READ_LIMIT].of_read_limit == 1
     assert rows[COMPARE_AND_GATHER].speed_ratio == 1
     for row in rows.values():

@@ -269,7 +269,7 @@ def fitted(
 
     Parameters
     ----------
-    tiles : (n,) indices of the tiles
+    tiles : (n,) indices of the tiles, in order
     moves_mm : (n, 2) displacements from where a page of that ``pose`` has them [mm]
     precision : (n, 2, 2) of these [1/mm^2]
     shares : (n, 2, 4) of inks in the tiles' edges
@@ -279,9 +279,10 @@ def fitted(
     waves = basis.waves
     count = int((waves.share >= negligible).sum())
     numbers = waves.numbers_x[:count], waves.numbers_y[:count]
-    cosines = tuple(np.ascontiguousarray(each[tiles]) for each in basis.cosines)
-    at = np.ascontiguousarray(basis.at[tiles, :count])
-    fixed = np.ascontiguousarray(_fixed(basis.fixed[:, tiles], shares))
+    chosen = slice(None) if tiles.size == len(basis.at) else tiles  # arrays of all tiles are not copied
+    cosines, waves_at = tuple(each[chosen] for each in basis.cosines), basis.at[chosen]
+    at = waves_at[:, :count]
+    fixed = _fixed(basis.fixed[:, chosen], shares)
     scale = _scale(basis, count)
     mean = -pose.numbers
     # Where no weight is given, two rounds: tiles that are far off a first field weigh less in the second.
@@ -289,7 +290,9 @@ def fitted(
     for last in (True,) if weight is not None else (False, True):
         weighted = precision * given[:, None, None]
         if root is None or weight is None:
-            factor, solution = normal_equations(*cosines, *numbers, at, fixed, weighted, moves_mm, scale)
+            factor, solution = normal_equations(
+                *cosines, *numbers, waves_at, fixed, weighted, moves_mm, scale
+            )
             cholesky(factor)
         else:
             factor = root

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from prooflight.kernels.registration.measuring import SUMS, SensorLight, TileWindows, measure_tiles
-from prooflight.kernels.registration.rendering import EIGHT
+from prooflight.kernels.registration.rendering import EIGHT, FOUR
 from prooflight.kernels.registration.solving import solve_tiles
 from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE
@@ -32,7 +32,7 @@ class Workspace(NamedTuple):
     """Buffers of one thread for rendering a tile."""
 
     value: NDArray[np.float32]
-    """Signal of one row, (width of a window and more,), 0 beyond the window."""
+    """Signal of four rows, (4 x width of a window and more,), 0 beyond the window."""
     slope: NDArray[np.float32]
     begins: NDArray[np.int64]
     weights: NDArray[np.float32]
@@ -44,7 +44,7 @@ class Workspace(NamedTuple):
         """Allocate buffers for windows of that width and tiles of size x size pixels."""
         pixels = int(np.ceil((EIGHT - 1) * taps.across_ratio)) + taps.across.shape[1] + 1
         blocks = size // EIGHT
-        value, slope = np.zeros((2, width + pixels), np.float32)
+        value, slope = np.zeros((2, FOUR * (width + pixels)), np.float32)
         weights, by_move = np.empty((2, blocks * pixels * EIGHT), np.float32)
         begins, starts = np.empty(blocks, np.int64), np.empty(taps.along.shape[1], np.int64)
         return cls(value=value, slope=slope, begins=begins, weights=weights, by_move=by_move, starts=starts)

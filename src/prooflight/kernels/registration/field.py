@@ -12,7 +12,7 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 ROWS = 4
-"""Rows of a Cholesky factor that are computed together."""
+"""Rows of a Cholesky factor that are computed together, two columns at a time."""
 
 
 @kernel(
@@ -75,6 +75,8 @@ def normal_equations(  # type: ignore[no-untyped-def]
             plus, minus = a + numbers_x[j], abs(a - numbers_x[j])
             up, down = b + numbers_y[j], abs(b - numbers_y[j])
             for part in range(3):
+                if part != 1 and j > i:  # above the diagonal
+                    continue
                 table = tables[part]
                 mean = (table[plus, up] + table[plus, down] + table[minus, up] + table[minus, down]) / 4
                 row, column = f + (part > 0) * count + i, f + (part > 1) * count + j
@@ -104,20 +106,24 @@ def cholesky(a):  # type: ignore[no-untyped-def]
         last = min(first + ROWS, n)
         if last - first == ROWS:
             r0, r1, r2, r3 = a[first], a[first + 1], a[first + 2], a[first + 3]
-            for j in range(first):
-                other = a[j]
+            for j in range(0, first, 2):
+                one, other = a[j], a[j + 1]
                 s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+                t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
                 for k in range(j):
-                    v = other[k]
+                    v, w = one[k], other[k]
                     s0 += v * r0[k]
                     s1 += v * r1[k]
                     s2 += v * r2[k]
                     s3 += v * r3[k]
-                per = 1 / other[j]
-                r0[j] = (r0[j] - s0) * per
-                r1[j] = (r1[j] - s1) * per
-                r2[j] = (r2[j] - s2) * per
-                r3[j] = (r3[j] - s3) * per
+                    t0 += w * r0[k]
+                    t1 += w * r1[k]
+                    t2 += w * r2[k]
+                    t3 += w * r3[k]
+                per, next_per, between = 1 / one[j], 1 / other[j + 1], other[j]
+                for r, s, t in ((r0, s0, t0), (r1, s1, t1), (r2, s2, t2), (r3, s3, t3)):
+                    r[j] = (r[j] - s) * per
+                    r[j + 1] = (r[j + 1] - t - between * r[j]) * next_per
         else:
             for i in range(first, last):
                 for j in range(first):

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_many
-from prooflight.kernels.registration.rendering import EIGHT, sum_eight
+from prooflight.kernels.prediction.filtering import copy_row
+from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_fewest, sum_many
+from prooflight.kernels.registration.field import backward, cholesky, forward
+from prooflight.kernels.registration.rendering import EIGHT, FOUR, sum_eight
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,13 +59,15 @@ class TileWindows(NamedTuple):
 
 
 @inner_kernel(error_model="numpy")
-def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: ignore[no-untyped-def]
+def spread_taps(x, sensor_taps, workspace):  # type: ignore[no-untyped-def]
     """Compute weights of raster pixels for each eight columns, for ``sum_eight``: (blocks x pixels x 8,) each.
 
-    x: raster coordinate of the first column's centre less the footprint's reach; taps, slopes (phases, taps):
-    weights by the phase at which a footprint begins. begins (blocks,): of each eight columns, the first
-    raster pixel. Returns how many raster pixels each eight columns see.
+    x: raster coordinate of the first column's centre less the footprint's reach; sensor_taps: ``SensorTaps``. Of the
+    workspace ``begins`` (blocks,), of each eight columns the first raster pixel, ``weights`` and ``by_move`` are
+    written. Returns how many raster pixels each eight columns see.
     """
+    taps, slopes, ratio = sensor_taps.across, sensor_taps.across_slope, sensor_taps.across_ratio
+    begins, weights, by_move = workspace.begins, workspace.weights, workspace.by_move
     phases, count = taps.shape
     pixels = int(np.ceil((EIGHT - 1) * ratio)) + count + 1
     weights[: begins.size * pixels * EIGHT] = 0
@@ -86,25 +90,23 @@ def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-
     """Render one tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
     x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach.
-    Window rows and out's lines are whole multiples of 16 and 8 long. taps: ``SensorTaps``; workspace:
-    ``Workspace``.
+    Window rows and out's lines are whole multiples of 8 long, and these of 4 in number. taps: ``SensorTaps``;
+    workspace: ``Workspace``.
     """
+    render_lines(window, spread_taps(x, taps, workspace), y, taps, workspace, out)
+
+
+@inner_kernel(error_model="numpy")
+def render_lines(window, pixels, y, taps, workspace, out):  # type: ignore[no-untyped-def]
+    """Run ``render_tile`` with weights across that ``spread_taps`` has written: pixels is its result."""
     taps_y, slopes_y, ratio_y = taps.along, taps.along_slope, taps.along_ratio
     phases, count = taps_y.shape
     lines, columns = out.shape[1:]
     width = window.shape[1]
     flat = window.reshape(-1)
     value, slope = workspace.value, workspace.slope
+    pitch = value.size // FOUR
     m, by_x, by_y = out[0].reshape(-1), out[1].reshape(-1), out[2].reshape(-1)
-    pixels = spread_taps(
-        x,
-        taps.across_ratio,
-        taps.across,
-        taps.across_slope,
-        workspace.begins,
-        workspace.weights,
-        workspace.by_move,
-    )
     for line in range(lines):
         at = y + line * ratio_y
         first = int(at)
@@ -112,21 +114,28 @@ def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-
         for t in range(count):
             workspace.starts[t] = (first + t) * width
         w, s = taps_y[phase], slopes_y[phase]
+        row = line % FOUR * pitch
+        values, slopes = value[row : row + width], slope[row : row + width]
         k = 0
         while k + MANY <= width:
-            sum_many(flat, workspace.starts, k, w, 0, count, value, k)
-            sum_many(flat, workspace.starts, k, s, 0, count, slope, k)
+            sum_many(flat, workspace.starts, k, w, 0, count, values, k)
+            sum_many(flat, workspace.starts, k, s, 0, count, slopes, k)
             k += MANY
-        while k < width:
-            sum_few(flat, workspace.starts, k, w, 0, count, value, k)
-            sum_few(flat, workspace.starts, k, s, 0, count, slope, k)
+        while k + FEW <= width:
+            sum_few(flat, workspace.starts, k, w, 0, count, values, k)
+            sum_few(flat, workspace.starts, k, s, 0, count, slopes, k)
             k += FEW
+        if k < width:
+            sum_fewest(flat, workspace.starts, k, w, 0, count, values, k)
+            sum_fewest(flat, workspace.starts, k, s, 0, count, slopes, k)
+        if line % FOUR < FOUR - 1:
+            continue
         for block in range(columns // EIGHT):
-            begin, place = workspace.begins[block], line * columns + block * EIGHT
             sum_eight(
                 value,
                 slope,
-                begin,
+                workspace.begins[block],
+                pitch,
                 workspace.weights,
                 workspace.by_move,
                 block * pixels,
@@ -134,16 +143,18 @@ def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-
                 m,
                 by_x,
                 by_y,
-                place,
+                (line - FOUR + 1) * columns + block * EIGHT,
+                columns,
             )
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def subtract(scan, light, top, left, part, image, error, base):  # type: ignore[no-untyped-def]
+def subtract(seen, light, left, part, image, error, base):  # type: ignore[no-untyped-def]
     """Subtract a tile's image from the scan's light, and compute base = 1 / variance; return the image's sum.
 
-    light: ``SensorLight``; top, left: of the tile in the scan; part: its lines l0 .. l1 - 1 and columns i0 ..
-    i1 - 1 inside the scan. image (3, lines, columns): value, derivatives; error, base (lines, columns).
+    seen (lines, columns): the scan's tile [DN]; light: ``SensorLight``; left: of the tile in the scan; part: its
+    lines l0 .. l1 - 1 and columns i0 .. i1 - 1 inside the scan. image (3, lines, columns): value, derivatives;
+    error, base (lines, columns).
     """
     l0, l1, i0, i1 = part
     total = np.float32(0)
@@ -151,15 +162,17 @@ def subtract(scan, light, top, left, part, image, error, base):  # type: ignore[
     dark, by_light, by_square, by_slope = noise[0], noise[1], noise[2], noise[3]
     level, gain = light.offset[left + i0 : left + i1], light.per_gain[left + i0 : left + i1]
     for line in range(l0, l1):
-        seen = scan[top + line, left + i0 : left + i1]
+        numbers = seen[line, i0:i1]
         value, by_x, by_y = image[0, line, i0:i1], image[1, line, i0:i1], image[2, line, i0:i1]
         errors, weights = error[line, i0:i1], base[line, i0:i1]
+        # Two loops run in vectors; one uses more arrays than the compiler checks for overlaps.
         for i in range(errors.size):
+            errors[i] = (np.float32(numbers[i]) - level[i]) * gain[i] - value[i]
+            total += value[i]
+        for i in range(weights.size):
             m = value[i]
-            errors[i] = (np.float32(seen[i]) - level[i]) * gain[i] - m
             flat = max(dark + by_light * m + by_square * m * m, dark)
             weights[i] = np.float32(1) / (flat + by_slope * (by_x[i] * by_x[i] + by_y[i] * by_y[i]))
-            total += m
     return total
 
 
@@ -176,7 +189,7 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
     none = np.float32(0)
     s0, s1, s2, s3, s4, s5, s6, s7 = none, none, none, none, none, none, none, none
     s8, s9, s10, s11, s12, s13, s14 = none, none, none, none, none, none, none
-    limit = np.float32(HUBER) if robust else np.float32(1e9)
+    limit = np.float32(HUBER)
     tiny = np.float32(1e-6)
     one = np.float32(1)
     for i in range(error.size):
@@ -185,8 +198,9 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
         gy = by_y[i]
         e = error[i]
         w = base[i]
-        left = e - level - gain * r - move_x * gx - move_y * gy
-        w *= min(one, limit / np.sqrt(left * left * w + tiny))
+        if robust:
+            left = e - level - gain * r - move_x * gx - move_y * gy
+            w *= min(one, limit / np.sqrt(left * left * w + tiny))
         wr = w * r
         wx = w * gx
         wy = w * gy
@@ -216,7 +230,7 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
     "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), tiles (N), moves (N, 2), size, "
     "workspace.value (V), workspace.slope (V), workspace.begins (size // EIGHT), workspace.weights (B), "
     "workspace.by_move (B), workspace.starts (Y), sums (N, SUMS + 1)",
-    where="W <= V",
+    where="FOUR * W <= V",
     error_model="numpy",
 )
 def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
@@ -227,7 +241,7 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
     measure, of size x size pixels; workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number of
     pixels, 0 where the tile is outside the scan, or less than a quarter of its lines was seen.
     """
-    image = np.empty((3, size, size), np.float32)
+    image, seen = np.empty((3, size, size), np.float32), np.empty((size, size), scan.dtype)
     error = np.empty((size, size), np.float32)
     base = np.empty((size, size), np.float32)
     value, by_x, by_y = image[0].reshape(-1), image[1].reshape(-1), image[2].reshape(-1)
@@ -248,13 +262,16 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
             continue
         x = windows.origins[tile, 0] - (moves[n, 0] - whole_x) * taps.across_ratio
         y = windows.origins[tile, 1] - (moves[n, 1] - whole_y) * taps.along_ratio
+        # Read before any arithmetic, so that the processor waits for all lines of the memory at once.
+        for line in range(l0, l1):
+            copy_row(scan[top + line, left + i0 : left + i1], seen[line, i0:i1])
         render_tile(windows.signals[tile], x, y, taps, workspace, image)
         count = (l1 - l0) * (i1 - i0)
         if count < size * size:
             errors[:] = 0
             weights[:] = 0
         part = (l0, l1, i0, i1)
-        total = subtract(scan, light, top, left, part, image, error, base)
+        total = subtract(seen, light, left, part, image, error, base)
         mean = total / np.float32(count)
         if missing:
             for line in range(l0, l1):
@@ -281,5 +298,7 @@ def solved(s):  # type: ignore[no-untyped-def]
         b[i] = s[10 + i]
     for i in range(4):  # slight damping, since a tile may have edges of one direction only
         a[i, i] = a[i, i] * (1 + 1e-4) + 1e-9
-    x = np.linalg.solve(a, b)
-    return np.float32(x[0]), np.float32(x[1]), np.float32(x[2]), np.float32(x[3])
+    cholesky(a)
+    forward(a, b)
+    backward(a, b)
+    return np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])

@@ -8,8 +8,8 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.lookup import lookup_light
-from prooflight.kernels.prediction.summing import FEW
-from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weighted_sums
+from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_lines, spread_taps, weighted_sums
+from prooflight.kernels.registration.rendering import EIGHT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -122,6 +122,16 @@ def within(place, pixels, part, whole):  # type: ignore[no-untyped-def]
     return first, min(max(place - first, 0.0), part - pixels + LAST_PHASE)
 
 
+@inner_kernel(fastmath=True)
+def difference(light, image, error):  # type: ignore[no-untyped-def]
+    """Compute the light (pixels,) less its image; return the image's sum."""
+    total = np.float32(0)
+    for i in range(error.size):
+        error[i] = light[i] - image[i]
+        total += image[i]
+    return total
+
+
 @inner_kernel(fastmath=True, error_model="numpy")
 def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
     """Compute 1 / variance of a patch's pixels, base (pixels,), from its image (3, pixels): value and derivatives."""
@@ -139,7 +149,7 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
     "taps.across (_, X), taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), noise (4), "
     "workspace.value (V), workspace.slope (V), workspace.begins (D), workspace.weights (B), "
     "workspace.by_move (B), workspace.starts (Y), first, sums (K, N, SUMS)",
-    where="0 <= patches.margin, W - 2 * patches.margin <= V, S <= 8 * D",
+    where="0 <= patches.margin, 4 * (W - 2 * patches.margin) <= V, S <= 8 * D",
     error_model="numpy",
 )
 def fringe_sums(  # type: ignore[no-untyped-def]
@@ -158,13 +168,14 @@ def fringe_sums(  # type: ignore[no-untyped-def]
     # Of a window with room for displacements only the part that a patch sees is rendered.
     rows = min(footprint_pixels(taps.along, taps.along_ratio, size), height)
     columns = min(footprint_pixels(taps.across, taps.across_ratio, size), width)
-    wide = min((columns + FEW - 1) // FEW * FEW, width)
+    wide = min((columns + EIGHT - 1) // EIGHT * EIGHT, width)
     seen = np.empty((rows, wide), np.uint32)
     window = np.empty((rows, wide), np.float32)
     image = np.empty((3, size, size), np.float32)
     flat = image.reshape(3, -1)
     error = np.empty(size * size, np.float32)
     zero = np.float32(0)
+    pixels, spread_at = 0, -1.0
     for n in range(light.shape[0]):
         weights, of_scan = patches.base[n].reshape(-1), light[n].reshape(-1)
         for k in range(right.shape[0]):
@@ -172,14 +183,12 @@ def fringe_sums(  # type: ignore[no-untyped-def]
             top, y = within(origins[n, 1] - (moves[n, 1] + shifts[k, 1]), rows, rows, height)
             displace_planes(packed[n], margin + top, margin + left, right[k], down[k], seen)
             lookup_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
-            render_tile(window, x, y, taps, workspace, image)
+            if x != spread_at:
+                pixels, spread_at = spread_taps(x, taps, workspace), x
+            render_lines(window, pixels, y, taps, workspace, image)
             if first and k == 0:
                 inverse_variance(flat, noise, weights)
-            total = zero
-            for i in range(error.size):
-                error[i] = of_scan[i] - flat[0, i]
-                total += flat[0, i]
-            mean = total / np.float32(error.size)
+            mean = difference(of_scan, flat[0], error) / np.float32(error.size)
             weighted_sums(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[k, n])
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.fit.modes import PixelMap, QuantisedImages, moved
+from prooflight.detectors.matched_filter.fit.modes import PixelMap, QuantisedImages, moved, moved_modes
 from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
 from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
@@ -27,6 +27,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
 from prooflight.detectors.print_prior import PrintPrior
+from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import (
@@ -174,11 +175,11 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
     inner = (slice(6, -6), slice(6, -6))
     noise = rng.random((lines, pixels)).astype(np.float32)
     found = np.empty_like(noise)
-    move_smooth(noise[None], ONE, np.array([0]), across, along, found[None])
+    move_smooth(noise[None], ONE, np.array([0]), across, along, 0, found[None])
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)
-    move_smooth(plane[None], ONE, np.array([0]), across, along, found[None])
+    move_smooth(plane[None], ONE, np.array([0]), across, along, 0, found[None])
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
 
 
@@ -192,8 +193,8 @@ def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: 
     across, along = np.full((2, 4, 4), 0.3, np.float32)
     along[:] = down + rng.normal(0, 0.5, along.shape)
     found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])
-    move_smooth(images, np.ones(3, np.float32), np.arange(3), across, along, found)
-    move_smooth(np.ones_like(ones), ONE, np.array([0]), across, along, ones)
+    move_smooth(images, np.ones(3, np.float32), np.arange(3), across, along, 0, found)
+    move_smooth(np.ones_like(ones), ONE, np.array([0]), across, along, 0, ones)
     np.testing.assert_array_equal(found[0], 0)
     np.testing.assert_allclose(found[1], found[2] - ones[0], atol=1e-5)
 
@@ -211,6 +212,17 @@ def test_quantised_images_move_as_their_values_do() -> None:
     where = PixelMap(across=nodes, along=-nodes, inside=np.ones((40, 52), bool))
     difference = np.abs(moved(kept, where) - moved(kept.values, where)).max(axis=(1, 2))
     assert (difference <= 1e-6 * most).all()
+
+
+def test_cleared_modes_are_moved_images() -> None:
+    images = np.zeros((13, 3 * STRETCH, 52), np.float32)
+    images[[2, 5, 8, 12], STRETCH + 4] = 1
+    nodes = np.full((5, 5), 0.3, np.float32)
+    where = PixelMap(across=nodes, along=-nodes, inside=np.ones(images.shape[1:], bool))
+    unset(images.shape)[...] = np.nan  # what the memory of the modes has from another sheet
+    modes = moved_modes(QuantisedImages.of(images), where, 1)
+    modes.cleared()
+    np.testing.assert_array_equal(modes.images, moved(QuantisedImages.of(images), where))
 
 
 @few
@@ -256,7 +268,7 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
     bells = rng.random((4, LEVELS, SHAPES)).astype(np.float32)
     corners = np.array([[8, 8], [8, 16]])
     found = np.empty((2, SUMS), np.float32)
-    inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover)
+    inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover, shown=np.ones((3, 4, 2), bool))
     block_sums(measured, expected, offset, variance, inks, inside, bells, corners, 8, found)
     light = expected - offset
     levels = np.rint(cover.astype(np.float64) * (LEVELS - 1)).astype(int)
@@ -287,7 +299,8 @@ def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
     columns, gains = rng.random(pixels).astype(np.float32) * 0.01, rng.random((4, 3)).astype(np.float32)
     dots, planes = rng.random(4).astype(np.float32), rng.random((4, 2)).astype(np.float32)
     found = np.empty(shape, np.float32)
-    inks = InkImages(gain=gain, dot=dot, texture=np.zeros(shape, np.float32), cover=cover)
+    shown = (cover.any(axis=(1, 2)) & np.ones((3, 2, 1), bool)).swapaxes(1, 2)
+    inks = InkImages(gain=gain, dot=dot, texture=np.zeros(shape, np.float32), cover=cover, shown=shown)
     fitted = FittedAmounts(
         shape=colours.weights(amounts), columns=columns, gain=gains, dot=dots, planes=planes
     )

@@ -26,9 +26,9 @@ from prooflight.detectors.matched_filter.fit.binning import (
 )
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
-    Modes,
     PixelMap,
     moved,
+    moved_modes,
     pixel_map,
 )
 from prooflight.detectors.matched_filter.fit.nuisance import (
@@ -55,6 +55,7 @@ from prooflight.detectors.matched_filter.glyphs.scoring import (
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Sums, summed
 from prooflight.detectors.matched_filter.statistics.marks import Marks, measure_marks
+from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.prediction.predict import Prediction, predict, repeats_of
 from prooflight.prediction.printed import PrintedPage
 from prooflight.registration.planes import register_by_fringes, register_far_planes
@@ -172,12 +173,13 @@ class HostImages:
         design, where, threads = page.design, page.where, page.threads
         self._page, self._placement = page, page.placement
         seen = page.predict(page.placement)
-        modes = Modes(images=moved(design.images, where, threads=threads), sensors=len(seen.expected_dn))
+        modes = moved_modes(design.images, where, len(seen.expected_dn), threads=threads)
         self.hidden = None
         if design.hidden is not None:
             self.hidden = moved(design.hidden, where, threads=threads)
             modes.texture[...] = with_hidden_edges(modes.texture, self.hidden, page.residual_variance)
         if design.beat is not None and not page.residual_variance.exact:
+            modes.cleared()
             add_beat(modes, design.beat, page.residual_variance)
         bins = bins_of(design.landmarks.geometry)
         self._placed = PlacedScan(
@@ -241,13 +243,14 @@ class HostImages:
 
     def placed(self) -> PlacedScan:
         """See ``ScanImages``."""
+        self._placed.modes.cleared()
         return self._placed
 
     def summed(self, modes: tuple[str, ...]) -> Sums:
         """See ``ScanImages``."""
         return sums_of(
             self._page,
-            self._placed,
+            self._placed if modes == SCREEN_MODES else self.placed(),
             self._light,
             self._left,
             self._weight,

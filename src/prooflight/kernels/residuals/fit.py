@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.residuals.moving import STRETCH
 
 SHAPES = 16
 """Greatest number of features of colour; those that a page does not have are 0."""
@@ -21,6 +22,8 @@ SLOPE_AT = SHAPE_AT + SHAPES
 SUMS = SLOPE_AT + 2 * INKS
 _MOST = np.float32(LEVELS - 1)
 _HALF = np.float32(0.5)
+_LEAST_AREA = np.float32(0.02)
+"""Ink area below which a plane's slope is not known."""
 
 
 class InkImages(NamedTuple):
@@ -34,6 +37,9 @@ class InkImages(NamedTuple):
     """Variance of halftones at unit contrast. [DN^2]"""
     cover: NDArray[np.float32]
     """Ink area, (4, ...). [-]"""
+    shown: NDArray[np.bool_]
+    """Whether ``STRETCH`` lines of each ink's gain, dot gain and area show anything, (3, 4, strips). Where gain or dot
+    gain do not, their image may hold anything."""
 
 
 @inner_kernel()
@@ -46,23 +52,95 @@ def shows(row):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def level_of(area):  # type: ignore[no-untyped-def]
-    """Return the nearest tabulated level of an ink area."""
-    return np.int32(min(max(area, np.float32(0)), np.float32(1)) * _MOST + _HALF)
+def sum_of(row):  # type: ignore[no-untyped-def]
+    """Return the sum of a row (n,)."""
+    total = np.float32(0)
+    for x in range(row.size):
+        total += row[x]
+    return total
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_levels(area, shift, recipe):  # type: ignore[no-untyped-def]
+    """Add the nearest levels of a row of an ink's areas to packed recipes (pixels,), from bit ``shift`` on."""
+    for x in range(area.size):
+        level = min(max(area[x], np.float32(0)), np.float32(1)) * _MOST + _HALF
+        recipe[x] |= np.int32(np.int32(level) << shift)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def add_bells(recipe, light, bells, shapes):  # type: ignore[no-untyped-def]
-    """Add bells of one recipe (levels of CMYK) times light to shapes (SHAPES,)."""
-    c, m, y, k = bells[0, recipe[0]], bells[1, recipe[1]], bells[2, recipe[2]], bells[3, recipe[3]]
+    """Add bells of one packed recipe times light to shapes (SHAPES,)."""
+    c, m = bells[0, recipe & 255], bells[1, (recipe >> 8) & 255]
+    y, k = bells[2, (recipe >> 16) & 255], bells[3, (recipe >> 24) & 255]
     for j in range(SHAPES):
         shapes[j] += c[j] * m[j] * y[j] * k[j] * light
 
 
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_runs(recipes, light, bells, shapes):  # type: ignore[no-untyped-def]
+    """Add bells of the recipes of a few pixels times their light to shapes, once for equal neighbours."""
+    recipe, alike = np.int32(0), np.float32(0)
+    for x in range(recipes.size):
+        if recipes[x] != recipe:
+            add_bells(recipe, alike, bells, shapes)
+            recipe, alike = recipes[x], np.float32(0)
+        alike += light[x]
+    add_bells(recipe, alike, bells, shapes)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_product(row, share, sums):  # type: ignore[no-untyped-def]
+    """Add a row times a share of each pixel to sums (pixels,)."""
+    for x in range(sums.size):
+        sums[x] += row[x] * share[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_light(measured, expected, offset, there, light, sums):  # type: ignore[no-untyped-def]
+    """Add a line's number of pixels, residuals, light and squared slopes to sums, rows of ``block_sums``.
+
+    expected: the line above, this one and the next; there (pixels,): 1 at pixels that count, else 0. Written: light
+    (pixels,), 0 where it does not count. Factors instead of conditions, under which loops do not run in vectors.
+    """
+    above, here, below = expected
+    count, off, bright, steep = sums[0], sums[1], sums[2], sums[4]
+    for x in range(light.size):
+        count[x] += there[x]
+    for x in range(light.size):
+        off[x] += (measured[x] - here[x]) * there[x]
+    for x in range(light.size):
+        light[x] = (here[x] - offset[x]) * there[x]
+    for x in range(light.size):
+        bright[x] += light[x]
+    for x in range(1, light.size - 1):
+        across, along = (here[x + 1] - here[x - 1]) * _HALF, (below[x] - above[x]) * _HALF
+        steep[x] += (across * across + along * along) * there[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_ink(gain, dot, areas, there, per_area, ink, sums):  # type: ignore[no-untyped-def]
+    """Add a line's effects of one ink and the slopes of its plane to sums, rows of ``block_sums``.
+
+    areas: of the ink in the line above, this one and the next; per_area (pixels,) is working space.
+    """
+    above, here, below = areas
+    add_product(gain, there, sums[GAIN_AT + ink])
+    add_product(dot, there, sums[DOT_AT + ink])
+    across, along = sums[SLOPE_AT + ink], sums[SLOPE_AT + INKS + ink]
+    for x in range(per_area.size):
+        share = gain[x] / max(here[x], _LEAST_AREA) * _HALF
+        per_area[x] = share * there[x] * np.float32(here[x] > _LEAST_AREA)
+    for x in range(1, per_area.size - 1):
+        across[x] += per_area[x] * (here[x + 1] - here[x - 1])
+    for x in range(per_area.size):
+        along[x] += per_area[x] * (below[x] - above[x])
+
+
 @kernel(
-    "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), "
-    "inks.dot (4, L, P), inks.texture (L, P), inks.cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
-    "corners (N, 2), side, out (N, SUMS)",
+    "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
+    "inks.texture (L, P), inks.cover (4, L, P), inks.shown (3, 4, (L + STRETCH - 1) // STRETCH), inside (L, P), "
+    "bells (4, LEVELS, SHAPES), corners (N, 2), side, out (N, SUMS)",
     fastmath=True,
     error_model="numpy",
 )
@@ -75,62 +153,63 @@ def block_sums(  # type: ignore[no-untyped-def]
     each bell by ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out: pixels inside,
     residual, light, variance, squared slope of light, texture, ink gains (4), dot gains (4), bells times
     light, plane slopes across (4) and along (4).
+
+    Lines are summed up whole, in vectors, although not all of their blocks are used.
     """
     lines, pixels = measured.shape
-    gain, dot, texture, cover = inks
+    gain, dot, texture, cover, shown = inks
+    sums, bare = np.empty((SUMS, pixels), np.float32), np.empty(pixels, np.float32)
+    recipe, light, room = (
+        np.empty(pixels, np.int32),
+        np.empty(pixels, np.float32),
+        np.empty(pixels, np.float32),
+    )
+    there, blank, used = np.zeros(pixels, np.float32), np.zeros(pixels, np.float32), np.empty(SUMS, np.bool_)
     out[:] = np.float32(0)
     begin = 0
     while begin < corners.shape[0]:
         top, end = corners[begin, 0], begin
         while end < corners.shape[0] and corners[end, 0] == top:
             end += 1
-        # Blocks side by side are processed line by line, since a page's lines are far apart in memory.
+        used[:] = False
+        used[:GAIN_AT] = True
+        sums[:GAIN_AT] = np.float32(0)
+        bare[:] = np.float32(0)
         for line in range(max(top, 1), min(top + side, lines - 1)):
+            strip = line // STRETCH
+            for x in range(1, pixels - 1):
+                there[x] = inside[line, x]
+            near = expected[line - 1], expected[line], expected[line + 1]
+            add_light(measured[line], near, offset, there, light, sums)
+            add_product(variance[line], there, sums[3])
+            add_product(texture[line], there, sums[5])
+            recipe[:] = np.int32(0)
+            printed = False
+            for ink in range(INKS):
+                if shown[2, ink, strip] and shows(cover[ink, line]):
+                    printed = True
+                    add_levels(cover[ink, line], np.int32(8 * ink), recipe)
+                if not (shown[0, ink, strip] or shown[1, ink, strip]):
+                    continue
+                for part in (GAIN_AT, DOT_AT, SLOPE_AT, SLOPE_AT + INKS):
+                    if not used[part + ink]:
+                        used[part + ink] = True
+                        sums[part + ink] = np.float32(0)
+                own_gain = gain[ink, line] if shown[0, ink, strip] else blank
+                own_dot = dot[ink, line] if shown[1, ink, strip] else blank
+                areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
+                add_ink(own_gain, own_dot, areas, there, room, ink, sums)
+            if not printed:
+                for x in range(pixels):
+                    bare[x] += light[x]
+                continue
             for block in range(begin, end):
-                sums = out[block]
-                shapes = sums[SHAPE_AT:SLOPE_AT]
-                none = np.float32(0)
-                count, off, bright, scatter, steep, grain, alike = none, none, none, none, none, none, none
-                recipe = np.int32(0), np.int32(0), np.int32(0), np.int32(0)
-                for x in range(max(corners[block, 1], 1), min(corners[block, 1] + side, pixels - 1)):
-                    if not inside[line, x]:
-                        continue
-                    light = expected[line, x] - offset[x]
-                    across = (expected[line, x + 1] - expected[line, x - 1]) * _HALF
-                    along = (expected[line + 1, x] - expected[line - 1, x]) * _HALF
-                    count += np.float32(1)
-                    off += measured[line, x] - expected[line, x]
-                    bright += light
-                    scatter += variance[line, x]
-                    steep += across * across + along * along
-                    grain += texture[line, x]
-                    here = (
-                        level_of(cover[0, line, x]),
-                        level_of(cover[1, line, x]),
-                        level_of(cover[2, line, x]),
-                        level_of(cover[3, line, x]),
-                    )
-                    if here != recipe:
-                        add_bells(recipe, alike, bells, shapes)
-                        recipe, alike = here, np.float32(0)
-                    alike += light
-                    for ink in range(INKS):
-                        if gain[ink, line, x] == 0 and dot[ink, line, x] == 0:
-                            continue
-                        area = cover[ink, line, x]
-                        sums[GAIN_AT + ink] += gain[ink, line, x]
-                        sums[DOT_AT + ink] += dot[ink, line, x]
-                        if area > np.float32(0.02):
-                            per_area = gain[ink, line, x] / area * _HALF
-                            right, left = cover[ink, line, x + 1], cover[ink, line, x - 1]
-                            below, above = cover[ink, line + 1, x], cover[ink, line - 1, x]
-                            sums[SLOPE_AT + ink] += per_area * (right - left)
-                            sums[SLOPE_AT + INKS + ink] += per_area * (below - above)
-                add_bells(recipe, alike, bells, shapes)
-                sums[0] += count
-                sums[1] += off
-                sums[2] += bright
-                sums[3] += scatter
-                sums[4] += steep
-                sums[5] += grain
+                across = slice(corners[block, 1], corners[block, 1] + side)
+                add_runs(recipe[across], light[across], bells, out[block, SHAPE_AT:SLOPE_AT])
+        for block in range(begin, end):
+            across = slice(corners[block, 1], corners[block, 1] + side)
+            add_bells(np.int32(0), sum_of(bare[across]), bells, out[block, SHAPE_AT:SLOPE_AT])
+            for part in range(SUMS):
+                if used[part]:
+                    out[block, part] = sum_of(sums[part, across])
         begin = end

@@ -113,20 +113,23 @@ def any_shows(image):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "images (N, L, P), units (N), which (_), across (R, C), along (R, C), out (N, L, P)",
+    "images (N, L, P), units (N), which (_), across (R, C), along (R, C), blank, out (N, L, P)",
     where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
 )
-def move_smooth(images, units, which, across, along, out):  # type: ignore[no-untyped-def]
+def move_smooth(images, units, which, across, along, blank, out):  # type: ignore[no-untyped-def]
     """Sample some of images (n, lines, pixels) at pixel + across, line + along (nodes) to out, bilinear; 0 beyond.
 
     They are float32, or uint16 levels; units (n,): value of 1 in each.
     Some lines of all images are processed at a time, one image after the other, so that pixels and positions
-    stay in the cache. Lines without content are skipped: most of a page has none of most inks.
+    stay in the cache. Lines without content are skipped: most of a page has none of most inks. They are set to 0 from
+    image ``blank`` on, and left as they are in the images before. Returned: which stretches of lines of each image have
+    content, (images of ``which``, stretches).
     """
     lines, pixels = images.shape[1:]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     whole = np.empty((STRETCH, 2, (pixels + STRETCH - 1) // STRETCH), np.int64)
     shares = np.empty((STRETCH, 2, pixels), np.float32)
+    shown = np.zeros((which.size, (lines + STRETCH - 1) // STRETCH), np.bool_)
     for first in range(0, lines, STRETCH):
         count = min(STRETCH, lines - first)
         for i in range(count):
@@ -135,12 +138,16 @@ def move_smooth(images, units, which, across, along, out):  # type: ignore[no-un
             aim_line(right, down, pixels, whole[i], shares[i])
         top = max(first + whole[:count, 1].min(), 0)
         stop = min(first + count + whole[:count, 1].max() + 1, lines)
-        for n in which:
-            if not any_shows(images[n, top:stop]):
+        for place in range(which.size):
+            n = which[place]
+            shows = units[n] != 0 and any_shows(images[n, top:stop])
+            shown[place, first // STRETCH] = shows
+            if shows:
+                for i in range(count):
+                    move_line(images[n], units[n], first + i, whole[i], shares[i], out[n, first + i])
+            elif n >= blank:
                 out[n, first : first + count] = np.float32(0)
-                continue
-            for i in range(count):
-                move_line(images[n], units[n], first + i, whole[i], shares[i], out[n, first + i])
+    return shown
 
 
 @kernel(

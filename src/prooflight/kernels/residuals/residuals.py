@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows, sum_of
+from prooflight.kernels.residuals.moving import STRETCH
 
 _SAME = np.float32(0.004)
 """Difference of ink areas below which recipes count as one."""
@@ -53,43 +54,68 @@ def placed_level(area):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out):  # type: ignore[no-untyped-def]
-    """Evaluate sum over j of weights_j bell_j along a row of ink areas (pixels,); bells: ``Colours``.
+def shape_of(c, m, y, k, bells, weights):  # type: ignore[no-untyped-def]
+    """Return sum over j of weights_j bell_j at ink areas; bells: ``Colours``."""
+    at_c, c_share = placed_level(c)
+    at_m, m_share = placed_level(m)
+    at_y, y_share = placed_level(y)
+    at_k, k_share = placed_level(k)
+    c0, m0, y0, k0 = bells[0, at_c], bells[1, at_m], bells[2, at_y], bells[3, at_k]
+    c1, m1, y1, k1 = bells[0, at_c + 1], bells[1, at_m + 1], bells[2, at_y + 1], bells[3, at_k + 1]
+    value = np.float32(0)
+    for j in range(SHAPES):
+        of_cm = (c0[j] + c_share * (c1[j] - c0[j])) * (m0[j] + m_share * (m1[j] - m0[j]))
+        of_yk = (y0[j] + y_share * (y1[j] - y0[j])) * (k0[j] + k_share * (k1[j] - k0[j]))
+        value += weights[j] * of_cm * of_yk
+    return value
 
-    last (INKS + 1,): recipe and value of the pixel evaluated last, which are used for all that differ by less
-    than ``_SAME``.
+
+@inner_kernel()
+def new_recipes(cyan, magenta, yellow, black, inside, out):  # type: ignore[no-untyped-def]
+    """Compute which pixels inside differ in any ink from the pixel before them, or have none inside, out (8 n,)."""
+    out[0] = inside[0]
+    for x in range(1, inside.size):
+        same = (cyan[x] == cyan[x - 1]) & (magenta[x] == magenta[x - 1])
+        same &= (yellow[x] == yellow[x - 1]) & (black[x] == black[x - 1]) & inside[x - 1]
+        out[x] = inside[x] & ~same
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def shape_row(cyan, magenta, yellow, black, inside, bells, weights, new, out):  # type: ignore[no-untyped-def]
+    """Evaluate ``shape_of`` along a row of ink areas (pixels,); new (8 n,) is working space, 0 beyond the pixels.
+
+    The recipe and value of the pixel evaluated last are used for all that differ by less than ``_SAME``.
     """
-    for x in range(1, out.size - 1):
-        if not inside[x]:
+    new_recipes(cyan, magenta, yellow, black, inside, new)
+    eights = new.view(np.int64)
+    c, m, y, k = np.float32(-1), np.float32(-1), np.float32(-1), np.float32(-1)
+    value, begin = np.float32(0), 0
+    for eight in range(eights.size):
+        if eights[eight] == 0:
             continue
-        c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
-        difference = max(max(abs(c - last[0]), abs(m - last[1])), max(abs(y - last[2]), abs(k - last[3])))
-        if difference >= _SAME:
-            at_c, c_share = placed_level(c)
-            at_m, m_share = placed_level(m)
-            at_y, y_share = placed_level(y)
-            at_k, k_share = placed_level(k)
-            c0, m0, y0, k0 = bells[0, at_c], bells[1, at_m], bells[2, at_y], bells[3, at_k]
-            c1, m1, y1, k1 = bells[0, at_c + 1], bells[1, at_m + 1], bells[2, at_y + 1], bells[3, at_k + 1]
-            value = np.float32(0)
-            for j in range(SHAPES):
-                of_cm = (c0[j] + c_share * (c1[j] - c0[j])) * (m0[j] + m_share * (m1[j] - m0[j]))
-                of_yk = (y0[j] + y_share * (y1[j] - y0[j])) * (k0[j] + k_share * (k1[j] - k0[j]))
-                value += weights[j] * of_cm * of_yk
-            last[0], last[1], last[2], last[3], last[4] = c, m, y, k, value
-        out[x] = last[4]
+        for x in range(8 * eight, 8 * eight + 8):
+            if not new[x]:
+                continue
+            far = max(max(abs(cyan[x] - c), abs(magenta[x] - m)), max(abs(yellow[x] - y), abs(black[x] - k)))
+            if far >= _SAME:
+                out[begin:x] = value
+                begin = x
+                c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
+                value = shape_of(c, m, y, k, bells, weights)
+    out[begin:] = value
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def take_row(measured, expected, offset, relative, columns, out):  # type: ignore[no-untyped-def]
-    """Compute a row of residuals without the part proportional to the light."""
+def take_row(measured, expected, offset, relative, columns, inside, out):  # type: ignore[no-untyped-def]
+    """Compute a row of residuals without the part proportional to the light; 0 outside."""
     for x in range(out.size):
-        out[x] = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
+        left = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
+        out[x] = left if inside[x] else np.float32(0)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def take_ink(gain, dot, areas, amounts, out):  # type: ignore[no-untyped-def]
-    """Subtract the effect of one ink from a row of residuals, in place; its ends are unchanged.
+def take_ink(gain, dot, areas, amounts, inside, out):  # type: ignore[no-untyped-def]
+    """Subtract the effect of one ink from a row of residuals inside, in place; its ends are unchanged.
 
     areas: of the ink in the row above, this one and the next; amounts: its gain at the centre of the row and
     to the right edge, dot gain, register right and down.
@@ -99,17 +125,18 @@ def take_ink(gain, dot, areas, amounts, out):  # type: ignore[no-untyped-def]
     pixels = out.size
     for x in range(1, pixels - 1):
         u = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
-        out[x] -= gain[x] * (at_centre + to_right * u) + dot[x] * dots
-    for x in range(1, pixels - 1):
-        area = here[x]
         moved = (here[x + 1] - here[x - 1]) * right + (below[x] - above[x]) * down
-        out[x] += gain[x] * np.float32(0.5) * moved / area if area > np.float32(0.02) else np.float32(0)
+        slope = np.float32(0.5) * moved / here[x]
+        slope = slope if here[x] > np.float32(0.02) else np.float32(0)
+        taken = gain[x] * (at_centre + to_right * u - slope) + dot[x] * dots
+        out[x] -= taken if inside[x] else np.float32(0)
 
 
 @kernel(
     "measured (L, P), expected (L, P), offset (P), inside (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
-    "inks.cover (4, L, P), bells (4, LEVELS, SHAPES), fitted.shape (SHAPES), fitted.columns (P), "
-    "fitted.gain (4, 3), fitted.dot (4), fitted.planes (4, 2), first, last, out (L, P)",
+    "inks.cover (4, L, P), inks.shown (3, 4, (L + STRETCH - 1) // STRETCH), bells (4, LEVELS, SHAPES), "
+    "fitted.shape (SHAPES), fitted.columns (P), fitted.gain (4, 3), fitted.dot (4), fitted.planes (4, 2), "
+    "first, last, out (L, P)",
     where="0 <= first, last <= L",
     fastmath=True,
     error_model="numpy",
@@ -123,28 +150,30 @@ def residuals(  # type: ignore[no-untyped-def]
     written.
     """
     lines, pixels = measured.shape
-    gain, dot, cover = inks.gain, inks.dot, inks.cover
+    gain, dot, cover, shown = inks.gain, inks.dot, inks.cover, inks.shown
     weights, columns, gains, dots, planes = fitted
-    relative, latest = np.zeros(pixels, np.float32), np.empty(INKS + 1, np.float32)
+    relative, blank = np.empty(pixels, np.float32), np.zeros(pixels, np.float32)
+    new = np.zeros((pixels + 7) // 8 * 8, np.bool_)
     for line in range(first, last):
-        row = out[line]
-        latest[:] = np.float32(-1)
+        row, there, strip = out[line], inside[line], line // STRETCH
         if line == 0 or line == lines - 1:
             row[:] = np.float32(0)
             continue
-        c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
-        shape_row(c, m, y, k, inside[line], bells, weights, latest, relative)
-        take_row(measured[line], expected[line], offset, relative, columns, row)
+        c = cover[0, line] if shown[2, 0, strip] else blank
+        m = cover[1, line] if shown[2, 1, strip] else blank
+        y = cover[2, line] if shown[2, 2, strip] else blank
+        k = cover[3, line] if shown[2, 3, strip] else blank
+        shape_row(c, m, y, k, there, bells, weights, new, relative)
+        take_row(measured[line], expected[line], offset, relative, columns, there, row)
         v = np.float32(2 * (line + 0.5) / lines - 1)
         for ink in range(INKS):
-            if shows(gain[ink, line]) or shows(dot[ink, line]):
+            own_gain = gain[ink, line] if shown[0, ink, strip] else blank
+            own_dot = dot[ink, line] if shown[1, ink, strip] else blank
+            if shows(own_gain) or shows(own_dot):
                 at_centre = gains[ink, 0] + gains[ink, 2] * v
                 areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
                 amounts = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
-                take_ink(gain[ink, line], dot[ink, line], areas, amounts, row)
-        there = inside[line]
-        for x in range(pixels):
-            row[x] = row[x] if there[x] else np.float32(0)
+                take_ink(own_gain, own_dot, areas, amounts, there, row)
         row[0] = row[pixels - 1] = np.float32(0)
 
 
@@ -278,15 +307,6 @@ def add_slopes(residual, weight, above, light, below, scratch, sums):  # type: i
         xy[x] += across[x] * along[x] * weight[x]
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def sum_of(row):  # type: ignore[no-untyped-def]
-    """Return the sum of a row (n,)."""
-    total = np.float32(0)
-    for x in range(row.size):
-        total += row[x]
-    return total
-
-
 @kernel(
     "residual (L, P), weight (L, P), light (L, P), side, first, last, out (5, R, _)",
     where="0 <= first, last <= R",
@@ -327,11 +347,12 @@ def take_slopes(residual, weight, light, across_by, along_by, first, last):  # t
     """
     lines, pixels = residual.shape
     for line in range(max(first, 2), min(last, lines - 2)):
+        left, sure, by_x, by_y = residual[line], weight[line], across_by[line], along_by[line]
+        above, here, below = light[line - 1], light[line], light[line + 1]
         for x in range(2, pixels - 2):
-            if weight[line, x] > 0:
-                across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
-                along = (light[line + 1, x] - light[line - 1, x]) * np.float32(0.5)
-                residual[line, x] += across * across_by[line, x] + along * along_by[line, x]
+            across = (here[x + 1] - here[x - 1]) * np.float32(0.5)
+            along = (below[x] - above[x]) * np.float32(0.5)
+            left[x] += (across * by_x[x] + along * by_y[x]) * np.float32(sure[x] > 0)
 
 
 @kernel(

@@ -53,6 +53,9 @@ class Modes:
     """(channels, lines, pixels) images that the fit needs, in one array that is moved at once; see the
     properties."""
     sensors: int
+    shown: NDArray[np.bool_] | None = None
+    """(channels, strips) which ``STRETCH`` lines of each image show anything, of moved images; None: any may. Others
+    of gain and dot gain may hold anything until they are ``cleared``."""
     add: NDArray[np.float32] | None = None
     """(sensors, 4, lines, pixels) J (1 - a): effect of each ink printed where it is not; None: not computed.
     [DN]"""
@@ -79,9 +82,23 @@ class Modes:
 
     def inks(self, sensor: int) -> InkImages:
         """Return one sensor's images, as the kernels take them."""
+        shown = self.shown
+        if shown is None:
+            shown = np.ones((len(self.images), -(-self.images.shape[1] // STRETCH)), bool)
+        gain, dot = (shown[INKS * at : INKS * (at + 1)] for at in (sensor, self.sensors + sensor))
         return InkImages(
-            gain=self.gain[sensor], dot=self.dot[sensor], texture=self.texture[sensor], cover=self.cover
+            gain=self.gain[sensor],
+            dot=self.dot[sensor],
+            texture=self.texture[sensor],
+            cover=self.cover,
+            shown=np.stack([gain, dot, shown[-INKS:]]),
         )
+
+    def cleared(self) -> None:
+        """Set to 0 what is not ``shown``."""
+        if self.shown is not None:
+            for channel, strip in np.argwhere(~self.shown[: 2 * INKS * self.sensors]):
+                self.images[channel, STRETCH * strip : STRETCH * (strip + 1)] = 0
 
     def _of_inks(self, part: int) -> NDArray[np.float32]:
         size = self.sensors * INKS
@@ -290,6 +307,19 @@ def moved(
     images: NDArray[np.float32] | QuantisedImages, seen: PixelMap, *, threads: int = 1
 ) -> NDArray[np.float32]:
     """Move images (channels, lines, pixels) to a placement, bilinearly; 0 outside the field."""
+    return _moved(images, seen, 0, threads)[0]
+
+
+def moved_modes(images: QuantisedImages, seen: PixelMap, sensors: int, *, threads: int = 1) -> Modes:
+    """Return modes whose images are ``moved``; most of a page shows no ink, and is not written (``Modes.shown``)."""
+    out, shown = _moved(images, seen, 2 * INKS * sensors, threads)
+    return Modes(images=out, sensors=sensors, shown=shown)
+
+
+def _moved(
+    images: NDArray[np.float32] | QuantisedImages, seen: PixelMap, blank: int, threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return moved images, whose blank lines are set to 0 from image ``blank`` on, and ``Modes.shown`` of them."""
     taken, units = (
         (images.levels, images.units)
         if isinstance(images, QuantisedImages)
@@ -297,11 +327,14 @@ def moved(
     )
     out, which = unset(taken.shape), np.arange(len(taken))
     parts = [which[first::threads] for first in range(threads)]
-    shared_out(
-        [partial(move_smooth, taken, units, part, seen.across, seen.along, out) for part in parts],
+    of_parts = shared_out(
+        [partial(move_smooth, taken, units, part, seen.across, seen.along, blank, out) for part in parts],
         threads=threads,
     )
-    return out
+    shown = np.empty((len(taken), of_parts[0].shape[1]), bool)
+    for part, of_part in zip(parts, of_parts, strict=True):
+        shown[part] = of_part
+    return out, shown
 
 
 PAGE_FEATURES: Final = 15

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.base import LAMP_WAVES
+from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.fit import (
     DOT_AT,
     GAIN_AT,
@@ -318,7 +319,8 @@ class PlacedScan:
     def light(self) -> NDArray[np.float32]:
         """Return the expected signal less the columns' dark signal, (sensors, lines, pixels). [DN]"""
         offset = np.stack([sensor.column_offset_dn for sensor in self.sensors])
-        return np.asarray(self.seen.expected_dn - offset[:, None], np.float32)
+        expected = self.seen.expected_dn
+        return np.subtract(expected, offset[:, None], out=unset(expected.shape))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

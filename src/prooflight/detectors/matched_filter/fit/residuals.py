@@ -82,8 +82,7 @@ def residual_images(
     """
     seen, modes, sensors = scan.seen, scan.modes, scan.sensors
     lines = len(scan.where.inside)
-    left = np.empty(seen.expected_dn.shape, np.float32)
-    weight, of_edges = np.empty_like(left), np.empty_like(left)
+    left, weight, of_edges = (unset(seen.expected_dn.shape) for _ in range(3))
     noise, bells = np.ones(len(sensors)), scan.colours.bells()
     inside = [scan.inside(index) for index in range(len(sensors))]
     fitted = fitted_amounts(fit, scan.colours, scan.where.inside.shape[1])
@@ -211,7 +210,7 @@ def noise_of(flat: NDArray[np.float32], residual_variance: ResidualVariance) -> 
     rest = float(ratio[plain].mean(dtype=np.float64))
     if rest > 1:
         return 1.0
-    return float(np.clip(np.median(square[plain]) / 0.6745**2 - rest, *NOISE_FACTORS))
+    return float(np.clip(np.median(square[plain], overwrite_input=True) / 0.6745**2 - rest, *NOISE_FACTORS))
 
 
 LOCAL_PIXELS: Final = 16

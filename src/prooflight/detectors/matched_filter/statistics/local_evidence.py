@@ -200,18 +200,14 @@ def summed(
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     # Without added inks their images are unused, but need the right shape.
     add = modes.gain if modes.add is None else modes.add
-    images = ResidualImages(left.copy(), weight, light, white, add, modes.gain, of_edges)
+    own = unset(left.shape)
+    own[:] = left
+    images = ResidualImages(own, weight, light, white, add, modes.gain, of_edges)
     columns, gains = _column_sums(scan, images, which, prior, threads)
     gains = own_gains(gains, geometry)
     _take_gains(images, gains, threads)
     tiles, shifts = _tile_sums(images, side, which, geometry.pixel_pitch_mm, threads)
-    size = tiles.shape[3], tiles.shape[2]
-    cover = np.stack(
-        [
-            cv2.resize(c[: size[1] * side, : size[0] * side], size, interpolation=cv2.INTER_AREA)
-            for c in modes.cover
-        ]
-    )
+    cover = _means(modes.cover, side)
     return sums_from(
         tiles,
         columns,

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.detectors.matched_filter.test_families import TILE_MM, drawn
 
+from prooflight.detectors.matched_filter.statistics.boxes import cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Scatter, Sums
 from prooflight.detectors.matched_filter.statistics.slants import (
     HEIGHTS,
@@ -161,7 +162,9 @@ def with_line(mode: str, amount: float, cells: list[tuple[int, int]]) -> Sums:
 
 
 def said(sums: Sums) -> dict[Statistic, Observed]:
-    return {one.statistic: one for one in of_slants(sums, Scatter.white())}
+    scatter = Scatter.white()
+    cells = next(cells_of(sums, scatter.light))
+    return {one.statistic: one for one in of_slants(sums, cells, scatter)}
 
 
 LEANS = {
@@ -194,7 +197,7 @@ def test_a_line_is_found_where_it_is(mode: str, sign: str, lean: str) -> None:
 
 def test_a_blank_page_says_nothing() -> None:
     sums = drawn(SEED)
-    assert {one.value for one in of_slants(replace(sums, tiles=sums.tiles * 0), Scatter.white())} == {0.0}
+    assert {one.value for one in said(replace(sums, tiles=sums.tiles * 0)).values()} == {0.0}
 
 
 def test_lines_nearer_to_the_sides_are_left_to_streaks() -> None:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.statistics.boxes import cells_of, own_of_tiles
+from prooflight.detectors.matched_filter.statistics.boxes import Cells, own_of_tiles
 from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER, Scatter, Sums
 from prooflight.detectors.matched_filter.statistics.page_scale import own_scatter
 from prooflight.detectors.matched_filter.statistics.statistic import (
@@ -73,11 +73,14 @@ class Lines(NamedTuple):
     """(4, HEIGHTS, slopes, 2, 2): strip and column of each, in the oriented page."""
 
 
-def of_slants(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """Yield the greatest line of each mode, sign and height, and its excess over lines of other slopes."""
+def of_slants(sums: Sums, cells: Cells, scatter: Scatter) -> Iterator[Observed]:
+    """Yield the greatest line of each mode, sign and height, and its excess over lines of other slopes.
+
+    cells: the first of ``cells_of``.
+    """
     names = [name for name in SLANT_MODES if name in sums.modes]
     numbers = [sums.modes.index(name) for name in names]
-    maps = own_of_tiles(next(cells_of(sums, scatter.light)), numbers)
+    maps = own_of_tiles(cells, numbers)
     for name, mode, own, power, edges in zip(names, numbers, *maps, strict=True):
         lines = lines_of(*tile_contributions(own, power, edges, scatter.boxes[mode, 0]))
         for level, height in enumerate(HEIGHTS):

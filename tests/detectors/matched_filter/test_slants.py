@@ -62,7 +62,7 @@ def test_sums_along_lines_are_those_of_the_lines(most_of_half: float) -> None:
     levels, tallest = 2, 32
     values = np.empty((levels, tallest, 2), np.float32)
     places = np.empty((levels, tallest, 2, 2), np.int64)
-    slanted(push, power, 16, np.array([4, 8]), 1e-3, most_of_half, values, places)
+    slanted(push, power, False, 16, np.array([4, 8]), 1e-3, most_of_half, values, places)
     for level, height in enumerate((16, 32)):
         assert (values[level, : height // 4] == 0).all()
         assert (values[level, height:] == 0).all()
@@ -86,7 +86,9 @@ def test_sums_along_lines_are_those_of_the_lines(most_of_half: float) -> None:
 def test_heights_that_do_not_fit_are_refused(height: int) -> None:
     tiles, values = np.zeros((64, 8), np.float32), np.empty((2, 32, 2), np.float32)
     with pytest.raises(ValueError, match="slanted"):
-        slanted(tiles, tiles, height, np.array([2, 4]), 1.0, 4.0, values, np.empty((2, 32, 2, 2), np.int64))
+        slanted(
+            tiles, tiles, False, height, np.array([2, 4]), 1.0, 4.0, values, np.empty((2, 32, 2, 2), np.int64)
+        )
 
 
 def test_on_noise_lines_say_no_more_than_the_number_of_lines_allows() -> None:

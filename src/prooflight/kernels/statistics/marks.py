@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.extremes import greatest_of
 
 WINDOWS = (1, 2, 4, 8)
 """Sides of the windows, each twice the one before. [pixels]"""
@@ -303,12 +304,10 @@ def pair_rows(row, out):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def differs(residual, white, share):  # type: ignore[no-untyped-def]
-    """Return whether any place of a row differs by more than a share of white."""
-    most = np.float32(0)
-    for x in range(residual.size):
-        most = max(most, abs(residual[x]) - share * white[x])
-    return most > 0
+def excess_row(residual, white, share, out):  # type: ignore[no-untyped-def]
+    """Compute by how much the places of a row, out (pixels,), differ by more than a share of white."""
+    for x in range(out.size):
+        out[x] = abs(residual[x]) - share * white[x]
 
 
 @kernel(
@@ -323,17 +322,18 @@ def beyond_share(residual, weight, white, flat, share, least_z, first, last, out
     (lines, pixels) bytes. A pixel counts only where it deviates by ``least_z`` standard deviations too.
     """
     sensors, _, pixels = residual.shape
-    count = 0
+    excess, count = np.empty(pixels, np.float32), 0
     for line in range(first, last):
         out[0, line] = np.uint8(0)
         out[1, line] = np.uint8(0)
         for s in range(sensors):
-            if not differs(residual[s, line], white[s], share):
+            excess_row(residual[s, line], white[s], share, excess)
+            if greatest_of(excess) <= 0:
                 continue
             for x in range(pixels):
-                r = residual[s, line, x]
-                if abs(r) <= share * white[s, x] or flat[line, x] == 0:
+                if excess[x] <= 0 or flat[line, x] == 0:
                     continue
+                r = residual[s, line, x]
                 if r * r * weight[s, line, x] < least_z * least_z:
                     continue
                 sign = 0 if r > 0 else 1

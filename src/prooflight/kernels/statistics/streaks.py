@@ -10,6 +10,10 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of, smallest_of
 
+ABOUT = 16
+"""Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
+[tiles]"""
+
 
 @inner_kernel()
 def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignore[no-untyped-def]
@@ -246,3 +250,84 @@ def tile_scores(own, power, edges, scatter, least, t, information):  # type: ign
             spread = noise * max(d - e, zero) + at_edges * e + tolerance * d * d + np.float32(1e-6)
             out[x] = push[x] / np.sqrt(spread) if d > least else zero
             of[x] = d * d / spread if d > least else zero
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def limited_row(t, scale, most, out):  # type: ignore[no-untyped-def]
+    """Compute |t| of a row of tiles, limited to ``most`` times their scale."""
+    for x in range(out.size):
+        out[x] = min(abs(t[x]), most * scale[x])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def slide_down(new, old, columns):  # type: ignore[no-untyped-def]
+    """Move the sums of columns (w,) on by a row; the new row replaces the old one."""
+    for x in range(columns.size):
+        columns[x] += new[x] - old[x]
+    for x in range(old.size):
+        old[x] = new[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def pairs_of(row, step, out):  # type: ignore[no-untyped-def]
+    """Add each number of a row to the one ``step`` further on; out: shorter by that."""
+    right = row[step:]
+    for x in range(out.size):
+        out[x] = row[x] + right[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def scale_row(sums, count, prior, mean, out):  # type: ignore[no-untyped-def]
+    """Compute the scale of a row of tiles from sums over their windows, at least 1."""
+    for x in range(out.size):
+        out[x] = max((sums[x] / mean + prior) / (count[x] + prior), np.float32(1))
+
+
+@kernel(
+    "t (H, W), informative (H, W), clipped, mean, prior, rounds, scale (H, W)",
+    fastmath=True,
+    error_model="numpy",
+)
+def scales_about(t, informative, clipped, mean, prior, rounds, scale):  # type: ignore[no-untyped-def]
+    """Compute the scale of |t| of tiles in the window about each, (h, w), at least 1.
+
+    The mean of |t|, each limited to ``clipped`` times the scale there, over the mean of limited normal numbers, with
+    ``prior`` more tiles of scale 1; repeated so many times. informative: bytes; other tiles do not count.
+    """
+    height, width = t.shape
+    counts = np.empty((height, width), np.float32)
+    row = np.empty(width, np.float32)
+    wide = width + ABOUT
+    first, second = np.empty(wide, np.float32), np.empty(wide, np.float32)
+    scale[:] = np.float32(1)
+    for turn in range(rounds + 1):
+        ring, columns = np.zeros((ABOUT, width), np.float32), np.zeros(wide, np.float64)
+        inner = columns[ABOUT // 2 : ABOUT // 2 + width]
+        for y in range(height + ABOUT // 2 - 1):
+            if y >= height:
+                row[:] = np.float32(0)
+            elif turn == 0:  # the number of tiles that count
+                row[:] = informative[y]
+            else:
+                limited_row(t[y], scale[y], clipped, row)
+            slide_down(row, ring[y % ABOUT], inner)
+            middle = y - ABOUT // 2 + 1
+            if middle < 0:
+                continue
+            pairs_of(columns, 1, first[: wide - 1])
+            pairs_of(first, 2, second[: wide - 3])
+            pairs_of(second, 4, first[: wide - 7])
+            pairs_of(first, 8, second[:width])
+            if turn == 0:
+                counts[middle] = second[:width]
+            else:
+                scale_row(second, counts[middle], prior, mean, scale[middle])
+
+
+@kernel("t (H, W), scale (H, W), information (H, W), most, out (H, W)", fastmath=True, error_model="numpy")
+def limited_pushes(t, scale, information, most, out):  # type: ignore[no-untyped-def]
+    """Compute N' of tiles, (h, w), from T over its scale, limited to ``most`` of either sign."""
+    for y in range(out.shape[0]):
+        own, about, sure, row = t[y], scale[y], information[y], out[y]
+        for x in range(row.size):
+            row[x] = min(max(own[x] / about[x], -most), most) * np.sqrt(sure[x])

@@ -27,7 +27,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     mode_and_ink,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.streaks import slanted, tile_scores
+from prooflight.kernels.statistics.streaks import limited_pushes, scales_about, slanted, tile_scores
 
 SLANT_MODES: Final = ("add-K", "void")
 """Modes of a mark on the page and of missing ink, of ``MODES``."""
@@ -50,9 +50,6 @@ few dark letters in a row are not. (On designs of their own 3 and 6 did as well,
 scratches were detected.)"""
 LEAST_TILES: Final = 50
 """Minimum number of tiles from which a page's own scatter is estimated."""
-ABOUT: Final = 16
-"""Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
-[tiles]"""
 CLIPPED: Final = 2.0
 """Limit of a tile's |t| in the mean of its window, in units of the scale, so that a line hardly raises it."""
 MEAN_CLIPPED: Final = 0.781
@@ -110,30 +107,21 @@ def tile_contributions(
     t, d = unset((2, *own.shape))
     tile_scores(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)
     t /= np.float32(own_scatter(t[::2, ::2], least=LEAST_TILES))
-    most = np.float32(MOST)
-    pushes = np.clip(t / scatter_about(t, d > 0), -most, most) * np.sqrt(d)
-    return np.asarray(pushes, np.float32), d
+    pushes = unset(t.shape)
+    limited_pushes(t, scatter_about(t, d > 0), d, np.float32(MOST), pushes)
+    return pushes, d
 
 
 def scatter_about(t: NDArray[np.float32], informative: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the scatter of tiles about each one, relative to the page's, (rows, columns), at least 1.
 
     It is Huber's proposal 2 with the mean for the mean square: the mean of |t|, limited to ``CLIPPED`` times
-    the scale. t: relative to the page's scatter.
+    the scale, over windows of ``ABOUT``. t: relative to the page's scatter.
     """
-    size, prior = np.abs(t), np.float32(PRIOR_TILES)
-    count = _in_windows(informative.astype(np.float32)) + prior
-    scale = np.ones_like(size)
-    for _ in range(ROUNDS):
-        cut = np.minimum(size, np.float32(CLIPPED) * scale)
-        scale = np.maximum((_in_windows(cut) / np.float32(MEAN_CLIPPED) + prior) / count, np.float32(1))
+    scale = unset(t.shape)
+    limits = (np.float32(one) for one in (CLIPPED, MEAN_CLIPPED, PRIOR_TILES))
+    scales_about(t, informative.view(np.uint8), *limits, ROUNDS, scale)
     return scale
-
-
-def _in_windows(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return sums over the window about each tile, with 0 beyond the page."""
-    summed = cv2.boxFilter(tiles, -1, (ABOUT, ABOUT), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(summed, np.float32)
 
 
 def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:

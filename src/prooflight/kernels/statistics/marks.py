@@ -182,7 +182,7 @@ def evidence_row(residual, weight, light, push, power):  # type: ignore[no-untyp
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def four_together(above, here, step, count, out):  # type: ignore[no-untyped-def]
+def quadrupled(above, here, step, count, out):  # type: ignore[no-untyped-def]
     """Add the first ``count`` of two rows of sums to those ``step`` further on."""
     # Slices, so that the compiler knows that no index is negative, and the loop runs in vectors.
     above_left, above_right, left, right = above[:count], above[step:], here[:count], here[step:]
@@ -276,8 +276,8 @@ def window_extremes(  # type: ignore[no-untyped-def]
                     count -= step
                     before, here = (line - step) % _LINES[size - 1], line % _LINES[size - 1]
                     pushes, powers = ring[channel, size - 1, 0], ring[channel, size - 1, 1]
-                    four_together(pushes[before], pushes[here], step, count, push)
-                    four_together(powers[before], powers[here], step, count, power)
+                    quadrupled(pushes[before], pushes[here], step, count, push)
+                    quadrupled(powers[before], powers[here], step, count, power)
                 if line < first:
                     continue
                 note_row(

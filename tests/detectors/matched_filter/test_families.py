@@ -10,6 +10,7 @@ import pytest
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.fit.beat import RowBeats
 from prooflight.detectors.matched_filter.naming import kind_of
+from prooflight.detectors.matched_filter.statistics.boxes import cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
@@ -39,6 +40,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     FLAT_AREAS,
     GOOD_PRINTS,
     OWN_PAGE,
+    Observed,
     Reference,
 )
 from prooflight.detectors.print_prior import PrintPrior
@@ -76,11 +78,16 @@ def drawn(seed: int, *, of_edges: float = 0.0) -> Sums:
     )
 
 
+def boxes_of(sums: Sums, reference: Reference) -> list[Observed]:
+    scatter = Scatter.white()
+    return list(of_boxes(sums, cells_of(sums, scatter.light), scatter, reference))
+
+
 def test_a_spot_is_said_where_it_is() -> None:
     sums = drawn(1)
     k = MODES.index("add-K")
     sums.tiles[0, k, 40:44, 20:24] += 8 * np.sqrt(POWER)
-    best = max(of_boxes(flat_part(sums), Scatter.white(), FLAT_AREAS), key=lambda one: one.value)
+    best = max(boxes_of(flat_part(sums), FLAT_AREAS), key=lambda one: one.value)
     assert best.statistic[:4] == ("box", "add", "K", "+")
     assert best.statistic.reference is FLAT_AREAS
     assert kind_of(best.statistic) == "spots-voids"
@@ -95,8 +102,8 @@ def test_edges_are_left_out_of_what_is_flat() -> None:
     sums.tiles[0, :, 40:44, 10:14] += 30 * np.sqrt(POWER)
     flat = flat_part(sums)
     assert not flat.tiles[..., :32].any()
-    assert max(one.value for one in of_boxes(flat, Scatter.white(), FLAT_AREAS)) < 7  # of 10^5 normal numbers
-    assert max(one.value for one in of_boxes(sums, Scatter.white(), GOOD_PRINTS)) > 30
+    assert max(one.value for one in boxes_of(flat, FLAT_AREAS)) < 7  # of 10^5 normal numbers
+    assert max(one.value for one in boxes_of(sums, GOOD_PRINTS)) > 30
 
 
 def test_a_page_is_judged_by_its_own_scatter() -> None:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.detectors.matched_filter.test_families import TILE_MM, drawn
 
+from prooflight.detectors.matched_filter.statistics.boxes import cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Scatter, Sums
 from prooflight.detectors.matched_filter.statistics.slants import (
     HEIGHTS,
@@ -61,7 +62,7 @@ def test_sums_along_lines_are_those_of_the_lines(most_of_half: float) -> None:
     levels, tallest = 2, 32
     values = np.empty((levels, tallest, 2), np.float32)
     places = np.empty((levels, tallest, 2, 2), np.int64)
-    slanted(push, power, 16, np.array([4, 8]), 1e-3, most_of_half, values, places)
+    slanted(push, power, False, 16, np.array([4, 8]), 1e-3, most_of_half, values, places)
     for level, height in enumerate((16, 32)):
         assert (values[level, : height // 4] == 0).all()
         assert (values[level, height:] == 0).all()
@@ -85,7 +86,9 @@ def test_sums_along_lines_are_those_of_the_lines(most_of_half: float) -> None:
 def test_heights_that_do_not_fit_are_refused(height: int) -> None:
     tiles, values = np.zeros((64, 8), np.float32), np.empty((2, 32, 2), np.float32)
     with pytest.raises(ValueError, match="slanted"):
-        slanted(tiles, tiles, height, np.array([2, 4]), 1.0, 4.0, values, np.empty((2, 32, 2, 2), np.int64))
+        slanted(
+            tiles, tiles, False, height, np.array([2, 4]), 1.0, 4.0, values, np.empty((2, 32, 2, 2), np.int64)
+        )
 
 
 def test_on_noise_lines_say_no_more_than_the_number_of_lines_allows() -> None:
@@ -161,7 +164,9 @@ def with_line(mode: str, amount: float, cells: list[tuple[int, int]]) -> Sums:
 
 
 def said(sums: Sums) -> dict[Statistic, Observed]:
-    return {one.statistic: one for one in of_slants(sums, Scatter.white())}
+    scatter = Scatter.white()
+    cells = next(cells_of(sums, scatter.light))
+    return {one.statistic: one for one in of_slants(sums, cells, scatter)}
 
 
 LEANS = {
@@ -194,7 +199,7 @@ def test_a_line_is_found_where_it_is(mode: str, sign: str, lean: str) -> None:
 
 def test_a_blank_page_says_nothing() -> None:
     sums = drawn(SEED)
-    assert {one.value for one in of_slants(replace(sums, tiles=sums.tiles * 0), Scatter.white())} == {0.0}
+    assert {one.value for one in said(replace(sums, tiles=sums.tiles * 0)).values()} == {0.0}
 
 
 def test_lines_nearer_to_the_sides_are_left_to_streaks() -> None:

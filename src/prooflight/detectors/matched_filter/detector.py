@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,8 +66,6 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 
-PICTURED_TILES: Final = 2
-"""Side of the boxes that pictures show, 1 mm. [tiles]"""
 STRONGEST: Final = 4
 """Number of families from which kind and place are taken."""
 ROWS_AT_ONCE: Final = 64
@@ -416,14 +413,14 @@ class MatchedFilterPage:
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""
         sums, light = analysis.sums, MODES.index("light")
-        push, power, edges = (
-            cv2.blur(one, (PICTURED_TILES, PICTURED_TILES), borderType=cv2.BORDER_REPLICATE)
-            * PICTURED_TILES**2
-            for one in sums.tiles[[0, 1, 3], light]
-        )
-        t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
-        return block_means(t, side, area, block=BLOCK_PIXELS)[None]
+        rows, columns = middle_tiles(sums.tiles.shape[-2:], side, area, block=BLOCK_PIXELS)
+        maps = sums.tiles[[0, 1, 3], light]
+        # A box of 1 mm is the tile in the middle of a block, and the one before it, each way.
+        maps = maps.take(rows, axis=1) + maps.take(np.maximum(rows - 1, 0), axis=1)
+        push, power, edges = maps.take(columns, axis=2) + maps.take(np.maximum(columns - 1, 0), axis=2)
+        scatter = self.detector.calibrated.model.scatter.boxes[light, 0]
+        return np.asarray(t_statistic(push, power, edges, scatter), np.float32)[None]
 
 
 def summary_of(
@@ -455,16 +452,15 @@ def present_inks(page: Page) -> str:
     return "".join(letter for letter, ink in zip(INK_LETTERS, inks, strict=True) if ink)
 
 
-def block_means(
-    values: NDArray[np.floating], side: int, area: tuple[slice, slice], *, block: int
-) -> NDArray[np.float32]:
-    """Sample tiles (tile rows, tile columns), ``side`` pixels wide, at the middles of an area's blocks."""
+def middle_tiles(
+    tiles: tuple[int, ...], side: int, area: tuple[slice, slice], *, block: int
+) -> list[NDArray[np.intp]]:
+    """Return the rows and the columns of tiles, ``side`` pixels wide, in the middles of an area's blocks."""
     places = []
-    for extent, tiles in zip(area, values.shape, strict=True):
-        count = (extent.stop - extent.start) // block
-        middle = extent.start + block * (np.arange(count) + 0.5)
-        places.append(np.minimum((middle / side).astype(np.intp), tiles - 1))
-    return np.asarray(values[np.ix_(*places)], np.float32)
+    for extent, count in zip(area, tiles, strict=True):
+        middle = extent.start + block * (np.arange((extent.stop - extent.start) // block) + 0.5)
+        places.append(np.minimum((middle / side).astype(np.intp), count - 1))
+    return places
 
 
 def engine_of(device: Device) -> Engine:

@@ -5,27 +5,30 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.extremes import greatest_of
 
 WINDOWS = (1, 2, 4, 8)
 """Sides of the windows, each twice the one before. [pixels]"""
 SIZES = len(WINDOWS)
 TALLEST = WINDOWS[-1]
-STRIP = 64
-"""Lines after which sums start again, so that they do not depend, to the last bit, on how threads divide the
-lines."""
+_LINES = (2, 3, 5, 1)
+"""Number of lines whose sums over windows of each size are kept: as many as the next size is made of."""
 CLASSES = 6
 """Classes of places: bare paper, flat tint, gradient, edge, text, border."""
 NOT_INSPECTED = 255
 """Stands for the class of a place that is not inspected."""
-_BARE, _GRADIENT, _BORDER = 0, 2, 5
+_BARE, _BORDER = 0, 5
+GRADIENT, EDGE, TEXT, INKED, ROUGH, OF_DESIGN = (np.uint8(1 << bit) for bit in range(6))
+"""Traits of places: the slope of light reaches each of three limits, there is ink, the slope is too steep for the
+floor, and an edge is part of the design. Windows have those of all places near by."""
+_MOST_COUNT = 255
+"""Greatest number that a byte can count to."""
 LEAST_T = np.float32(2.5)
 """Least deviation that is noted: 1.2 % of Gaussian noise are beyond."""
-_BLOCK = 64
 _AT_ONCE = 8
 """Flags of windows that are tested at once, as one number."""
 _LEAST_POWER = np.float32(1.0)
-"""Information below which a window says nothing: it could not tell whether all of its light is gone. What sliding sums
-leave of lines that were lost, by rounding, is less."""
+"""Information below which a window says nothing: it could not tell whether all of its light is gone."""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -40,92 +43,133 @@ def slope_row(above, here, below, per_white, out):  # type: ignore[no-untyped-de
         out[x] = max(out[x], np.sqrt(across * across + along * along))
 
 
-@kernel(
-    "light (S, L, P), white (S, P), first, last, out (L, P)",
-    where="0 <= first, last <= L",
-    fastmath=True,
-    error_model="numpy",
-)
-def slopes(light, white, first, last, out):  # type: ignore[no-untyped-def]
-    """Compute the steepest slope of any sensor's light at each pixel, (lines, pixels), in shares of white a pixel.
+@inner_kernel(error_model="numpy")
+def hidden_row(squares, white, out):  # type: ignore[no-untyped-def]
+    """Raise out (pixels,) to the slope of edges that do not show in the light, where that is greater.
 
-    Lines first .. last - 1 are written; 0 at the edges of the field.
+    squares (pixels,): of the slope [DN^2/pixel^2]; white (pixels,): least of any sensor.
     """
-    lines = light.shape[1]
-    per_white = np.float32(1) / white
-    for line in range(first, last):
-        out[line] = np.float32(0)
-        if 0 < line < lines - 1:
-            for s in range(light.shape[0]):
-                slope_row(light[s, line - 1], light[s, line], light[s, line + 1], per_white[s], out[line])
-
-
-@inner_kernel(error_model="numpy")
-def step_row(slope, limits, out):  # type: ignore[no-untyped-def]
-    """Count for each place of a row how many limits its slope reaches, out (pixels,) bytes."""
-    out[:] = np.uint8(0)
-    for limit in limits:  # one after the other, so that the inner loop runs in vectors
-        for x in range(out.size):
-            out[x] += np.uint8(slope[x] >= limit)
-
-
-@inner_kernel(error_model="numpy")
-def bright_row(light, white, share, out):  # type: ignore[no-untyped-def]
-    """Clear the places of a row, out (pixels,) bytes, with no more than a share of white's light."""
     for x in range(out.size):
-        out[x] &= np.uint8(light[x] > share * white[x])
+        out[x] = max(out[x], np.sqrt(max(squares[x], np.float32(0))) / white[x])
 
 
-@kernel(
-    "slope (L, P), light (S, L, P), white (S, P), limits (_), bare, first, last, steps (L, P), paper (L, P)",
-    where="0 <= first, last <= L",
-    error_model="numpy",
-)
-def steps_of(slope, light, white, limits, bare, first, last, steps, paper):  # type: ignore[no-untyped-def]
-    """Compute how many limits the slope of each place reaches, and whether all sensors see bare paper there.
+@inner_kernel(error_model="numpy")
+def trait_row(values, limit, trait, out):  # type: ignore[no-untyped-def]
+    """Set a trait of the places of a row, out (pixels,) bytes, whose value reaches a limit."""
+    for x in range(out.size):
+        out[x] |= trait if values[x] >= limit else np.uint8(0)
 
-    Written: bytes (lines, pixels) of lines first .. last - 1. bare: share of white's light that paper exceeds.
-    """
-    for line in range(first, last):
-        step_row(slope[line], limits, steps[line])
-        paper[line] = np.uint8(1)
-        for s in range(light.shape[0]):
-            bright_row(light[s, line], white[s], bare, paper[line])
+
+@inner_kernel(error_model="numpy")
+def dark_row(light, white, share, out):  # type: ignore[no-untyped-def]
+    """Mark the places of a row, out (pixels,) bytes, with no more than a share of white's light as inked."""
+    for x in range(out.size):
+        out[x] |= np.uint8(0) if light[x] > share * white[x] else INKED
 
 
 @inner_kernel()
-def class_row(steps, bare, border, inside, out):  # type: ignore[no-untyped-def]
+def design_row(inside, out):  # type: ignore[no-untyped-def]
+    """Mark the design's edges in a row, out (pixels,) bytes: those inside the page, unlike the sheet's own."""
+    for x in range(out.size):
+        out[x] |= OF_DESIGN if (inside[x] != 0) & (out[x] & EDGE != 0) else np.uint8(0)
+
+
+@kernel(
+    "light (S, L, P), white (S, P), hidden (H, L, P), inside (L, P), limits (3), bare, floor, first, last, out (L, P)",
+    where="0 <= first, last <= L",
+    error_model="numpy",
+)
+def traits_of(light, white, hidden, inside, limits, bare, floor, first, last, out):  # type: ignore[no-untyped-def]
+    """Write the traits of each place by itself, bytes (lines, pixels), lines first .. last - 1.
+
+    limits: slopes from which a place is a gradient, an edge, and text [shares of white a pixel]; bare: share of white's
+    light that paper exceeds; floor: slope from which the floor does not apply. hidden (sensors, or none, lines,
+    pixels): squared slope of edges that do not show in the light [DN^2/pixel^2]; inside: bytes.
+    """
+    sensors, lines, pixels = light.shape
+    per_white, least_white = np.float32(1) / white, white[0].copy()
+    for s in range(1, sensors):
+        least_white = np.minimum(least_white, white[s])
+    slope = np.empty(pixels, np.float32)
+    for line in range(first, last):
+        slope[:] = np.float32(0)
+        if 0 < line < lines - 1:
+            for s in range(sensors):
+                slope_row(light[s, line - 1], light[s, line], light[s, line + 1], per_white[s], slope)
+        for s in range(hidden.shape[0]):
+            hidden_row(hidden[s, line], least_white, slope)
+        row = out[line]
+        row[:] = np.uint8(0)
+        trait_row(slope, limits[0], GRADIENT, row)
+        trait_row(slope, limits[1], EDGE, row)
+        trait_row(slope, limits[2], TEXT, row)
+        trait_row(slope, floor, ROUGH, row)
+        for s in range(sensors):
+            dark_row(light[s, line], white[s], bare, row)
+        design_row(inside[line], row)
+
+
+@inner_kernel()
+def join_row(row, out):  # type: ignore[no-untyped-def]
+    """Add the traits of a row (pixels,) to another."""
+    for x in range(out.size):
+        out[x] |= row[x]
+
+
+@kernel("traits (L, P), reach, first, last, out (L, P)", where="0 <= reach, 0 <= first, last <= L")
+def spread_traits(traits, reach, first, last, out):  # type: ignore[no-untyped-def]
+    """Write the traits of all places within ``reach`` lines and pixels of each, bytes, lines first .. last - 1."""
+    lines, pixels = traits.shape
+    near = np.zeros(pixels + 2 * reach, np.uint8)
+    for line in range(first, last):
+        of_lines, row = near[reach : reach + pixels], out[line]
+        of_lines[:] = np.uint8(0)
+        for other in range(max(line - reach, 0), min(line + reach + 1, lines)):
+            join_row(traits[other], of_lines)
+        row[:] = np.uint8(0)
+        for shift in range(2 * reach + 1):
+            join_row(near[shift : shift + pixels], row)
+
+
+@inner_kernel()
+def class_row(traits, of_border, border, inside, out):  # type: ignore[no-untyped-def]
     """Write the class of each place of a row (pixels,)."""
     for x in range(out.size):
-        which = steps[x] + np.uint8(1)
-        which = np.uint8(_BARE) if bare[x] != 0 and which <= _GRADIENT else which
-        which = np.uint8(_BORDER) if border[x] == 0 else which
+        near = traits[x]
+        which = np.uint8(1) + np.uint8(near & GRADIENT != 0)
+        which += np.uint8(near & EDGE != 0) + np.uint8(near & TEXT != 0)
+        which = which if near & (INKED | EDGE) != 0 else np.uint8(_BARE)
+        which = which if border[x] | (near & of_border) != 0 else np.uint8(_BORDER)
         out[x] = which if inside[x] != 0 else np.uint8(NOT_INSPECTED)
 
 
 @inner_kernel()
-def count_row(classes, which):  # type: ignore[no-untyped-def]
-    """Return how many places of a row are of a class."""
-    count = 0
+def count_row(classes, which, counts):  # type: ignore[no-untyped-def]
+    """Count up the columns (pixels,) bytes at which a row is of a class."""
     for x in range(classes.size):
-        count += classes[x] == which
-    return count
+        counts[x] += np.uint8(classes[x] == which)
 
 
 @kernel(
-    "steps (L, P), bare (L, P), border (L, P), inside (L, P), first, last, out (L, P), counts (CLASSES)",
+    "traits (L, P), of_border, border (L, P), inside (L, P), first, last, out (L, P), counts (CLASSES)",
     where="0 <= first, last <= L",
 )
-def classes_of(steps, bare, border, inside, first, last, out, counts):  # type: ignore[no-untyped-def]
+def classes_of(traits, of_border, border, inside, first, last, out, counts):  # type: ignore[no-untyped-def]
     """Write the class of each place (lines, pixels), and add how many there are of each to counts (classes,).
 
-    Lines first .. last - 1 are written. All arrays are bytes: how many limits the steepest slope near by exceeds, and
-    whether all places near by are bare paper, inside the border, and inspected.
+    Lines first .. last - 1 are written. All arrays are bytes: the traits of all places near by, whether all are inside
+    the border, and whether the place is inspected. of_border: trait whose places are of no border; 0: all may be.
     """
-    for line in range(first, last):
-        class_row(steps[line], bare[line], border[line], inside[line], out[line])
+    columns = np.zeros((CLASSES, traits.shape[1]), np.uint8)
+    for begin in range(first, last, _MOST_COUNT):
+        end = min(begin + _MOST_COUNT, last)
+        columns[:] = np.uint8(0)
+        for line in range(begin, end):
+            class_row(traits[line], of_border, border[line], inside[line], out[line])
+            for which in range(CLASSES):
+                count_row(out[line], np.uint8(which), columns[which])
         for which in range(CLASSES):
-            counts[which] += count_row(out[line], np.uint8(which))
+            counts[which] += columns[which].sum()
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -138,17 +182,12 @@ def evidence_row(residual, weight, light, push, power):  # type: ignore[no-untyp
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def pair_up(row, step, count, out):  # type: ignore[no-untyped-def]
-    """Add each of the first ``count`` of a row to the one ``step`` further on."""
-    for x in range(count):
-        out[x] = row[x] + row[x + step]
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def slide(sums, new, old):  # type: ignore[no-untyped-def]
-    """Move column sums (pixels,) on by a row."""
-    for x in range(sums.size):
-        sums[x] += new[x] - old[x]
+def quadrupled(above, here, step, count, out):  # type: ignore[no-untyped-def]
+    """Add the first ``count`` of two rows of sums to those ``step`` further on."""
+    # Slices, so that the compiler knows that no index is negative, and the loop runs in vectors.
+    above_left, above_right, left, right = above[:count], above[step:], here[:count], here[step:]
+    for x in range(left.size):
+        out[x] = above_left[x] + above_right[x] + left[x] + right[x]
 
 
 @inner_kernel(error_model="numpy")
@@ -192,7 +231,7 @@ def note_row(push, power, tolerance, specks, count, places, line, size, flags, m
 @kernel(
     "residual (S, L, P), weight (S, L, P), light (S, L, P), places (SIZES, L, P), tolerance, specks (SIZES), "
     "first, last, most (CLASSES, SIZES, 2), at (CLASSES, SIZES, 2, 2), beyond (CLASSES, SIZES)",
-    where="0 <= first, last <= L, first % STRIP == 0",
+    where="0 <= first, last <= L",
     error_model="numpy",
 )
 def window_extremes(  # type: ignore[no-untyped-def]
@@ -206,64 +245,55 @@ def window_extremes(  # type: ignore[no-untyped-def]
     places (sizes, lines, pixels): class of each place, for windows of each size about it. Written, for
     windows whose last line is first .. last - 1: most, the greatest T squared of both signs, lighter and
     darker; at, first line and first pixel of that window; beyond, how many windows deviate by ``LEAST_T`` or
-    more, specks included. ``first`` is a multiple of ``STRIP``.
+    more, specks included.
     """
     sensors, _, pixels = residual.shape
     channels = sensors + 1 if sensors > 1 else 1
-    # Sums over windows are made of sums along a row, which each line makes once: twice as wide from as wide.
-    ring = np.empty((channels, SIZES, 2, TALLEST + 1, pixels), np.float32)
-    sums = np.zeros((channels, SIZES, 2, pixels), np.float32)
+    # A window is made of four of half its side, so that sums are the same however threads divide the lines.
+    ring = np.empty((channels, SIZES, 2, max(_LINES), pixels), np.float32)
     flags = np.zeros((SIZES, -(-pixels // _AT_ONCE) * _AT_ONCE), np.uint8)
-    for begin in range(first, last, STRIP):
-        sums[:] = np.float32(0)
-        above = max(begin - TALLEST + 1, 0)
-        for line in range(above, min(begin + STRIP, last)):
-            slot = line % (TALLEST + 1)
-            for s in range(sensors):
-                narrow = ring[s, 0]
-                evidence_row(
-                    residual[s, line], weight[s, line], light[s, line], narrow[0, slot], narrow[1, slot]
+    above = max(first - TALLEST + 1, 0)
+    for line in range(above, last):
+        slot = line % _LINES[0]
+        for s in range(sensors):
+            push, power = ring[s, 0, 0, slot], ring[s, 0, 1, slot]
+            evidence_row(residual[s, line], weight[s, line], light[s, line], push, power)
+        if channels > 1:
+            for part in range(2):
+                ring[sensors, 0, part, slot] = ring[0, 0, part, slot]
+                for s in range(1, sensors):
+                    pair_rows(ring[s, 0, part, slot], ring[sensors, 0, part, slot])
+        for channel in range(channels):
+            count = pixels
+            for size in range(SIZES):
+                top = line - WINDOWS[size] + 1
+                if top < above:
+                    break
+                slot = line % _LINES[size]
+                push, power = ring[channel, size, 0, slot], ring[channel, size, 1, slot]
+                if size > 0:
+                    step = WINDOWS[size - 1]
+                    count -= step
+                    before, here = (line - step) % _LINES[size - 1], line % _LINES[size - 1]
+                    pushes, powers = ring[channel, size - 1, 0], ring[channel, size - 1, 1]
+                    quadrupled(pushes[before], pushes[here], step, count, push)
+                    quadrupled(powers[before], powers[here], step, count, power)
+                if line < first:
+                    continue
+                note_row(
+                    push,
+                    power,
+                    tolerance,
+                    specks[size],
+                    count,
+                    places[size, top + WINDOWS[size] // 2],
+                    top,
+                    size,
+                    flags[size],
+                    most,
+                    at,
+                    beyond,
                 )
-            if channels > 1:
-                for part in range(2):
-                    ring[sensors, 0, part, slot] = ring[0, 0, part, slot]
-                    for s in range(1, sensors):
-                        pair_rows(ring[s, 0, part, slot], ring[sensors, 0, part, slot])
-            for channel in range(channels):
-                rows, count = ring[channel], pixels
-                for size in range(SIZES):
-                    tall = WINDOWS[size]
-                    if size > 0:
-                        step = WINDOWS[size - 1]
-                        count -= step
-                        for part in range(2):
-                            pair_up(rows[size - 1, part, slot], step, count, rows[size, part, slot])
-                    oldest = (line - tall) % (TALLEST + 1)
-                    for part in range(2):
-                        column_sums = sums[channel, size, part]
-                        if line - tall >= above:
-                            slide(column_sums, rows[size, part, slot], rows[size, part, oldest])
-                        else:
-                            pair_rows(rows[size, part, slot], column_sums)
-                    top = line - tall + 1
-                    if line < begin or top < 0:
-                        continue
-                    push, power = sums[channel, size, 0], sums[channel, size, 1]
-                    classes = places[size, top + tall // 2]
-                    note_row(
-                        push,
-                        power,
-                        tolerance,
-                        specks[size],
-                        count,
-                        classes,
-                        top,
-                        size,
-                        flags[size],
-                        most,
-                        at,
-                        beyond,
-                    )
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -271,6 +301,13 @@ def pair_rows(row, out):  # type: ignore[no-untyped-def]
     """Add a row to another, in place."""
     for x in range(out.size):
         out[x] += row[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def excess_row(residual, white, share, out):  # type: ignore[no-untyped-def]
+    """Compute by how much the places of a row, out (pixels,), differ by more than a share of white."""
+    for x in range(out.size):
+        out[x] = abs(residual[x]) - share * white[x]
 
 
 @kernel(
@@ -285,25 +322,21 @@ def beyond_share(residual, weight, white, flat, share, least_z, first, last, out
     (lines, pixels) bytes. A pixel counts only where it deviates by ``least_z`` standard deviations too.
     """
     sensors, _, pixels = residual.shape
-    count = 0
+    excess, count = np.empty(pixels, np.float32), 0
     for line in range(first, last):
         out[0, line] = np.uint8(0)
         out[1, line] = np.uint8(0)
         for s in range(sensors):
-            for begin in range(0, pixels, _BLOCK):
-                end = min(begin + _BLOCK, pixels)
-                most = np.float32(0)
-                for x in range(begin, end):
-                    most = max(most, abs(residual[s, line, x]) - share * white[s, x])
-                if most <= 0:
+            excess_row(residual[s, line], white[s], share, excess)
+            if greatest_of(excess) <= 0:
+                continue
+            for x in range(pixels):
+                if excess[x] <= 0 or flat[line, x] == 0:
                     continue
-                for x in range(begin, end):
-                    r = residual[s, line, x]
-                    if abs(r) <= share * white[s, x] or flat[line, x] == 0:
-                        continue
-                    if r * r * weight[s, line, x] < least_z * least_z:
-                        continue
-                    sign = 0 if r > 0 else 1
-                    count += 1 - out[sign, line, x]
-                    out[sign, line, x] = 1
+                r = residual[s, line, x]
+                if r * r * weight[s, line, x] < least_z * least_z:
+                    continue
+                sign = 0 if r > 0 else 1
+                count += 1 - out[sign, line, x]
+                out[sign, line, x] = 1
     return count

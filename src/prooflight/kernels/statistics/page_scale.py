@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.extremes import greatest_of
 from prooflight.kernels.statistics.boxes import box_row, take_box_row
 
 SHARES = 4
@@ -99,17 +100,6 @@ def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no
                 bounds[kind] = min(ends[kind, 0], -ends[kind, 1])
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def greatest_of(power):  # type: ignore[no-untyped-def]
-    """Return the greatest value of a map, at least 0."""
-    most = np.float32(0)
-    for y in range(power.shape[0]):
-        row = power[y]
-        for x in range(row.size):
-            most = max(most, row[x])
-    return most
-
-
 @inner_kernel()
 def against_own(own, power, edges, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """Find extremes of T, and of T over the scatter of T at places of the same class on the same page.
@@ -121,7 +111,7 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
     height, width = own.shape
     values[:] = 0
     places[:] = 0
-    most = greatest_of(power)
+    most = greatest_of(power.ravel())
     if most <= least:
         return
     t, shifted = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -203,7 +193,7 @@ def box_map(cells, mode, gains, level, prior, common, out):  # type: ignore[no-u
 def has_information(power):  # type: ignore[no-untyped-def]
     """Return whether any place of a map has information; usually the first rows decide."""
     y = 0
-    while y < power.shape[0] and greatest_of(power[y : y + 1]) <= 0:
+    while y < power.shape[0] and greatest_of(power[y]) <= 0:
         y += 1
     return y < power.shape[0]
 

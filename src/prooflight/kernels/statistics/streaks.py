@@ -8,6 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.extremes import greatest_of, smallest_of
+
+ABOUT = 16
+"""Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
+[tiles]"""
 
 
 @inner_kernel()
@@ -104,8 +109,18 @@ def doubled(sums, out):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def signed_squares(above, above_power, below, below_power, lean, least, most_of_half, out):  # type: ignore[no-untyped-def]
-    """Write n |n| / d of lines into out (w,), from sums over their halves; return the greatest and the least.
+def signed_squares(push, power, least, out):  # type: ignore[no-untyped-def]
+    """Compute n |n| / d of lines, (strips, h, w) each."""
+    for k in range(out.shape[0]):
+        for a in range(out.shape[1]):
+            n, d, row = push[k, a], power[k, a], out[k, a]
+            for x in range(row.size):
+                row[x] = n[x] * abs(n[x]) / max(d[x], least)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def limited_squares(above, below, whole, lean, most_of_half, out):  # type: ignore[no-untyped-def]
+    """Write n |n| / d of lines into out (w,), limited by that of their halves; return the greatest and the least.
 
     The lines lean right by ``lean``; the extremes are at least and at most 0. No line counts for more than
     ``most_of_half`` times as much as either of its halves, and for nothing where these do not agree, or where
@@ -114,82 +129,105 @@ def signed_squares(above, above_power, below, below_power, lean, least, most_of_
     zero = np.float32(0)
     within, step = max(out.size - lean, 0), (lean + 1) // 2
     # Slices of one length, so that the compiler knows that no index is negative, and loops run in vectors.
-    above, above_power, line = above[:within], above_power[:within], out[:within]
-    below, below_power = below[step : step + within], below_power[step : step + within]
+    above, below, whole, line = above[:within], below[step : step + within], whole[:within], out[:within]
     for x in range(line.size):
-        n, m, d, e = above[x], below[x], above_power[x], below_power[x]
-        one, other = n * abs(n) / max(d, least), m * abs(m) / max(e, least)
-        value = (n + m) * abs(n + m) / max(d + e, least)
-        more, fewer = max(min(one, other), zero), min(max(one, other), zero)
-        line[x] = min(max(value, zero), most_of_half * more) + max(min(value, zero), most_of_half * fewer)
-    greatest, smallest = zero, zero
-    for x in range(line.size):
-        greatest, smallest = max(greatest, line[x]), min(smallest, line[x])
+        one, other = above[x], below[x]
+        most, least = max(min(one, other), zero), min(max(one, other), zero)
+        line[x] = max(min(whole[x], most_of_half * most), most_of_half * least)
     out[within:] = zero
-    return greatest, smallest
+    return greatest_of(line), smallest_of(line)
 
 
 @inner_kernel()
-def extremes_by_slope(push, power, first, least, most_of_half, above, values, places):  # type: ignore[no-untyped-def]
+def place_of(row, value):  # type: ignore[no-untyped-def]
+    """Return the first place of a value in a row that contains it."""
+    x = 0
+    while x < row.size - 1 and row[x] != value:
+        x += 1
+    return x
+
+
+@inner_kernel()
+def extremes_by_slope(halves, wholes, first, most_of_half, above, values, places):  # type: ignore[no-untyped-def]
     """Find the greatest and least n / sqrt(d) of lines of every slope from ``first`` on.
 
-    push, power (strips, h, w) are those of the lines' halves. above: strips of whole lines above these.
-    Updated: values (2 h, 2), the least with its sign turned; places (2 h, 2, 2): strip and x of each.
+    halves (strips, h, w) and wholes (strips // 2, 2 h, w): ``signed_squares`` of the lines' halves and of the lines.
+    above: strips of whole lines above these. Updated: values (2 h, 2), the least with its sign turned; places (2 h, 2,
+    2): strip and x of each.
     """
-    width = push.shape[2]
-    line = np.empty(width, np.float32)
-    for a in range(first, 2 * push.shape[1]):
-        half = a // 2
-        for k in range(push.shape[0] // 2):
-            greatest, smallest = signed_squares(
-                push[2 * k, half],
-                power[2 * k, half],
-                push[2 * k + 1, half],
-                power[2 * k + 1, half],
-                a,
-                least,
-                most_of_half,
-                line,
+    line = np.empty(wholes.shape[2], np.float32)
+    for a in range(first, wholes.shape[1]):
+        for k in range(wholes.shape[0]):
+            greatest, smallest = limited_squares(
+                halves[2 * k, a // 2], halves[2 * k + 1, a // 2], wholes[k, a], a, most_of_half, line
             )
             for end in range(2):
                 square = -smallest if end else greatest
                 if square > values[a, end] ** 2:
                     values[a, end] = np.sqrt(square)
                     places[a, end, 0] = above + k
-                    places[a, end, 1] = np.argmin(line) if end else np.argmax(line)
+                    places[a, end, 1] = place_of(line, smallest if end else greatest)
+
+
+@inner_kernel()
+def copy_strip(tiles, top, mirrored, out):  # type: ignore[no-untyped-def]
+    """Copy rows of tiles from ``top`` on into out (rows, 1, w), mirrored where asked; 0 below the last one."""
+    for y in range(out.shape[0]):
+        row = out[y, 0]
+        if top + y >= tiles.shape[0]:
+            row[:] = np.float32(0)
+        elif mirrored:
+            row[:] = tiles[top + y, ::-1]
+        else:
+            row[:] = tiles[top + y]
 
 
 @kernel(
-    "push (H, W), power (H, W), smallest, first (L), least, most_of_half, values (L, S, 2), places (L, S, 2, 2)",
-    where="0 < smallest, smallest * 2 ** (L - 1) == S, H % S == 0",
+    "push (H, W), power (H, W), mirrored, smallest, first (L), least, most_of_half, values (L, S, 2), "
+    "places (L, S, 2, 2)",
+    where="0 < smallest, smallest * 2 ** (L - 1) == S",
 )
-def slanted(push, power, smallest, first, least, most_of_half, values, places):  # type: ignore[no-untyped-def]
+def slanted(push, power, mirrored, smallest, first, least, most_of_half, values, places):  # type: ignore[no-untyped-def]
     """Find the greatest and least n / sqrt(d) along lines that lean right, of every slope and of L heights.
 
-    n and d are sums along a line. Heights are smallest, twice that, ..., S rows; slopes a = 0..height of a
-    height are whole columns to the right over it, of which those below first of that height are left out.
-    least: of d, so that little information has little effect; most_of_half: as in ``signed_squares``.
-    Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top; 0 without information.
+    n and d are sums along a line. mirrored: the lines lean left, and columns count from the right. Heights are
+    smallest, twice that, ..., S rows; slopes a = 0..height of a height are whole columns to the right over it, of
+    which those below first of that height are left out. least: of d, so that little information has little effect;
+    most_of_half: as in ``limited_squares``. Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its
+    top; 0 without information.
     """
     values[:] = 0
     places[:] = 0
     width, tallest = push.shape[1], values.shape[1]
     for top in range(0, push.shape[0], tallest):  # these rows stay in the cache through all levels
-        n = push[top : top + tallest].reshape(tallest, 1, width)
-        d = power[top : top + tallest].reshape(tallest, 1, width)
+        n, d = np.empty((tallest, 1, width), np.float32), np.empty((tallest, 1, width), np.float32)
+        copy_strip(push, top, mirrored, n)
+        copy_strip(power, top, mirrored, d)
+        squares = np.empty((tallest, 1, width), np.float32)
+        if smallest == 2:
+            signed_squares(n, d, np.float32(least), squares)
         level = 0
         while level < values.shape[0]:
             tall = 2 * n.shape[1]
+            shape = (tallest // tall, tall, width)
+            longer_n, longer_d = np.empty(shape, np.float32), np.empty(shape, np.float32)
+            doubled(n, longer_n)
+            doubled(d, longer_d)
+            longer_squares = np.empty(shape, np.float32)
+            if 2 * tall >= smallest:
+                signed_squares(longer_n, longer_d, np.float32(least), longer_squares)
             if tall >= smallest:
-                limits = np.float32(least), np.float32(most_of_half)
-                extremes_by_slope(n, d, first[level], *limits, top // tall, values[level], places[level])
+                extremes_by_slope(
+                    squares,
+                    longer_squares,
+                    first[level],
+                    np.float32(most_of_half),
+                    top // tall,
+                    values[level],
+                    places[level],
+                )
                 level += 1
-            if level < values.shape[0]:
-                longer_n = np.empty((tallest // tall, tall, width), np.float32)
-                longer_d = np.empty((tallest // tall, tall, width), np.float32)
-                doubled(n, longer_n)
-                doubled(d, longer_d)
-                n, d = longer_n, longer_d
+            n, d, squares = longer_n, longer_d, longer_squares
 
 
 @kernel(
@@ -212,3 +250,84 @@ def tile_scores(own, power, edges, scatter, least, t, information):  # type: ign
             spread = noise * max(d - e, zero) + at_edges * e + tolerance * d * d + np.float32(1e-6)
             out[x] = push[x] / np.sqrt(spread) if d > least else zero
             of[x] = d * d / spread if d > least else zero
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def limited_row(t, scale, most, out):  # type: ignore[no-untyped-def]
+    """Compute |t| of a row of tiles, limited to ``most`` times their scale."""
+    for x in range(out.size):
+        out[x] = min(abs(t[x]), most * scale[x])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def slide_down(new, old, columns):  # type: ignore[no-untyped-def]
+    """Move the sums of columns (w,) on by a row; the new row replaces the old one."""
+    for x in range(columns.size):
+        columns[x] += new[x] - old[x]
+    for x in range(old.size):
+        old[x] = new[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def pairs_of(row, step, out):  # type: ignore[no-untyped-def]
+    """Add each number of a row to the one ``step`` further on; out: shorter by that."""
+    right = row[step:]
+    for x in range(out.size):
+        out[x] = row[x] + right[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def scale_row(sums, count, prior, mean, out):  # type: ignore[no-untyped-def]
+    """Compute the scale of a row of tiles from sums over their windows, at least 1."""
+    for x in range(out.size):
+        out[x] = max((sums[x] / mean + prior) / (count[x] + prior), np.float32(1))
+
+
+@kernel(
+    "t (H, W), informative (H, W), clipped, mean, prior, rounds, scale (H, W)",
+    fastmath=True,
+    error_model="numpy",
+)
+def scales_about(t, informative, clipped, mean, prior, rounds, scale):  # type: ignore[no-untyped-def]
+    """Compute the scale of |t| of tiles in the window about each, (h, w), at least 1.
+
+    The mean of |t|, each limited to ``clipped`` times the scale there, over the mean of limited normal numbers, with
+    ``prior`` more tiles of scale 1; repeated so many times. informative: bytes; other tiles do not count.
+    """
+    height, width = t.shape
+    counts = np.empty((height, width), np.float32)
+    row = np.empty(width, np.float32)
+    wide = width + ABOUT
+    first, second = np.empty(wide, np.float32), np.empty(wide, np.float32)
+    scale[:] = np.float32(1)
+    for turn in range(rounds + 1):
+        ring, columns = np.zeros((ABOUT, width), np.float32), np.zeros(wide, np.float64)
+        inner = columns[ABOUT // 2 : ABOUT // 2 + width]
+        for y in range(height + ABOUT // 2 - 1):
+            if y >= height:
+                row[:] = np.float32(0)
+            elif turn == 0:  # the number of tiles that count
+                row[:] = informative[y]
+            else:
+                limited_row(t[y], scale[y], clipped, row)
+            slide_down(row, ring[y % ABOUT], inner)
+            middle = y - ABOUT // 2 + 1
+            if middle < 0:
+                continue
+            pairs_of(columns, 1, first[: wide - 1])
+            pairs_of(first, 2, second[: wide - 3])
+            pairs_of(second, 4, first[: wide - 7])
+            pairs_of(first, 8, second[:width])
+            if turn == 0:
+                counts[middle] = second[:width]
+            else:
+                scale_row(second, counts[middle], prior, mean, scale[middle])
+
+
+@kernel("t (H, W), scale (H, W), information (H, W), most, out (H, W)", fastmath=True, error_model="numpy")
+def limited_pushes(t, scale, information, most, out):  # type: ignore[no-untyped-def]
+    """Compute N' of tiles, (h, w), from T over its scale, limited to ``most`` of either sign."""
+    for y in range(out.shape[0]):
+        own, about, sure, row = t[y], scale[y], information[y], out[y]
+        for x in range(row.size):
+            row[x] = min(max(own[x] / about[x], -most), most) * np.sqrt(sure[x])

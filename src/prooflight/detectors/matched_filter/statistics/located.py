@@ -5,7 +5,7 @@ They are of the whole page, and of places away from edges.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.fit.binning import binned
-from prooflight.detectors.matched_filter.statistics.boxes import cells_of, ghosts
+from prooflight.detectors.matched_filter.statistics.boxes import Cells, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
     QUARTER,
@@ -61,12 +61,14 @@ ENERGY: Final = np.array([2.0, 2.0, 0.0])
 NOISE: Final = np.array([1.0, 1.0, 0.0])
 
 
-def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
+def of_boxes(
+    sums: Sums, of_sizes: Iterable[Cells], scatter: Scatter, *references: Reference
+) -> Iterator[Observed]:
     """Yield matched filters of every mode, at all boxes of every size, against each of ``references``.
 
-    Against good prints their scatter is a statistic as well. Flat areas have no blur.
+    Against good prints their scatter is a statistic as well. Flat areas have no blur. of_sizes: ``cells_of``.
     """
-    for place, cells in enumerate(cells_of(sums, scatter.light)):
+    for place, cells in enumerate(of_sizes):
         extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
         for (mode, ink), most in zip(map(mode_and_ink, sums.modes), extremes, strict=True):
             if mode == "blur" and FLAT_AREAS in references:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -25,17 +26,17 @@ from scipy.special import ndtri
 
 from prooflight.detectors.cost import FLOOR_AREA_MM2
 from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Box, Observed, Statistic
-from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.marks import (
     CLASSES,
     LEAST_T,
+    OF_DESIGN,
+    ROUGH,
     SIZES,
-    STRIP,
     WINDOWS,
     beyond_share,
     classes_of,
-    slopes,
-    steps_of,
+    spread_traits,
+    traits_of,
     window_extremes,
 )
 from prooflight.pages.parallel import parts_of, shared_out
@@ -60,8 +61,6 @@ SLOPES: Final = (0.006, 0.03, 0.15)
 """Upper limits of the steepest slope within reach of a place, for flat tint, gradient and edge; text is
 beyond. [shares of white a pixel] Assumed: a flat tint of a smooth raster has less than 0.6 %, letters of 8 pt
 have 15 % and more at 0.25 mm."""
-EDGE: Final = 2
-"""Number of these limits that an edge exceeds."""
 BARE_LIGHT: Final = 0.85
 """Share of white's light from which a place without an edge counts as bare paper: a light tint varies as paper
 does. (assumed)"""
@@ -121,39 +120,35 @@ def classify(
     edges_in_border : whether places near the design's edges are of the edges' classes in the page's border too.
     threads : number of threads that share the work.
     """
-    slope = unset(inside.shape)
+    within, parts = inside.view(np.uint8), parts_of(len(inside), threads)
+    edges = np.empty((0, *inside.shape), np.float32) if hidden is None else hidden
+    limits = np.array(SLOPES, np.float32), np.float32(BARE_LIGHT), np.float32(FLOOR_FLAT)
+    here, near, wider = np.empty((3, *inside.shape), np.uint8)
     shared_out(
-        [partial(slopes, light, white, *part, slope) for part in parts_of(len(slope), threads)],
+        [partial(traits_of, light, white, edges, within, *limits, *part, here) for part in parts],
         threads=threads,
     )
-    if hidden is not None:
-        np.maximum(slope, np.sqrt(np.maximum(hidden.max(axis=0), 0)) / white.min(axis=0), out=slope)
-    steps, paper = np.empty((2, *inside.shape), np.uint8)
-    seen = slope, light, white, np.array(SLOPES, np.float32), np.float32(BARE_LIGHT)
-    shared_out(
-        [partial(steps_of, *seen, *part, steps, paper) for part in parts_of(len(slope), threads)],
-        threads=threads,
-    )
-    within = inside.view(np.uint8)
     border = _eroded(within, round(BORDER_MM / pixel_mm), beyond=0)
-    of_design = within * (steps >= EDGE).view(np.uint8)  # the sheet's own edge is no edge of the design
+    of_border = OF_DESIGN if edges_in_border else np.uint8(0)
     classes = np.empty((SIZES, *inside.shape), np.uint8)
-    parts = parts_of(len(inside), threads)
     areas = np.zeros((len(parts), SIZES, CLASSES), np.int64)
+    reach, flat = 0, within
     for size, window in enumerate(WINDOWS):
-        reach = REACH + window // 2
-        bare = _eroded(np.asarray(paper), reach, beyond=1)
-        inner = border | cv2.dilate(of_design, _square(reach)) if edges_in_border else border
-        near = cv2.dilate(steps, _square(reach)), bare, inner, _without(within, unresolved, window // 2)
+        more = REACH + window // 2 - reach
+        shared_out([partial(spread_traits, here, more, *part, near) for part in parts], threads=threads)
+        inspected = _without(within, unresolved, window // 2)
+        fixed = near, of_border, border, inspected
         shared_out(
             [
-                partial(classes_of, *near, *part, classes[size], areas[n, size])
+                partial(classes_of, *fixed, *part, classes[size], areas[n, size])
                 for n, part in enumerate(parts)
             ],
             threads=threads,
         )
-    steep = (slope >= np.float32(FLOOR_FLAT)).view(np.uint8)
-    flat = (cv2.dilate(steep, _square(REACH)) == 0).view(np.uint8) & _without(within, unresolved, 0)
+        if size == 0:
+            flat = ((near & ROUGH) == 0).view(np.uint8) & inspected
+        reach += more
+        here, near = near, wider if size == 0 else here
     return Places(of_windows=classes, flat=flat, areas=areas.sum(axis=0).T)
 
 
@@ -214,21 +209,21 @@ class Marks:
 
     def statistics(self) -> list[Observed]:
         """Return a statistic for each class, size and sign, always in the same order."""
+        values = self.greatest / self.spread[..., None] + REFERENCE_T - self.usual[..., None]
+        exceeds = self.greatest > LEAST_T
+        # Lists, because numbers from arrays cost more than all else here.
+        seen = zip(
+            values.ravel().tolist(), exceeds.ravel().tolist(), self.at.reshape(-1, 2).tolist(), strict=True
+        )
         result = []
-        for c, place in enumerate(PLACE_CLASSES):
-            for s, window in enumerate(WINDOWS):
-                for sign, name in enumerate("+-"):
-                    value = self.greatest[c, s, sign] / self.spread[c, s] + REFERENCE_T - self.usual[c, s]
-                    line, pixel = self.at[c, s, sign]
-                    side = window * self.pixel_mm
-                    left, top = pixel * self.pixel_mm + self.left_mm, line * self.pixel_mm + self.top_mm
-                    box = (
-                        (float(left), float(top), side, side)
-                        if self.greatest[c, s, sign] > LEAST_T
-                        else NOWHERE
-                    )
-                    which = Statistic("mark", place, sign=name, size=window)
-                    result.append(Observed(statistic=which, value=float(value), box=box))
+        for (place, window, sign), (value, located, (line, pixel)) in zip(
+            product(PLACE_CLASSES, WINDOWS, "+-"), seen, strict=True
+        ):
+            side = window * self.pixel_mm
+            left, top = pixel * self.pixel_mm + self.left_mm, line * self.pixel_mm + self.top_mm
+            which = Statistic("mark", place, sign=sign, size=window)
+            box = (left, top, side, side) if located else NOWHERE
+            result.append(Observed(statistic=which, value=value, box=box))
         return result
 
 
@@ -278,10 +273,7 @@ def measure_marks(
         edges_in_border=edges_in_border,
         threads=threads,
     )
-    lines = left.shape[1]
-    parts = [
-        (STRIP * first, min(STRIP * last, lines)) for first, last in parts_of(-(-lines // STRIP), threads)
-    ]
+    parts = parts_of(left.shape[1], threads)
     most = np.zeros((len(parts), CLASSES, SIZES, 2))
     at = np.zeros((len(parts), CLASSES, SIZES, 2, 2), np.int64)
     beyond = np.zeros((len(parts), CLASSES, SIZES), np.int64)

@@ -110,9 +110,10 @@ def _extremes(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Mo
 
 
 def flat_part(sums: Sums) -> Sums:
-    """Return the sums of tiles and columns away from edges, where only ink and light can differ."""
+    """Return the sums of tiles, without the energy, and columns away from edges: only ink and light differ there."""
+    of_modes = sums.tiles[:, : len(sums.modes)]
     flat = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
-    tiles = np.multiply(sums.tiles, flat, out=unset(sums.tiles.shape))
+    tiles = np.multiply(of_modes, flat, out=unset(of_modes.shape))
     return replace(sums, tiles=tiles, columns=sums.flat_columns)
 
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from prooflight.detectors.matched_filter.statistics.boxes import cells_of, own_of_tiles
+from prooflight.detectors.matched_filter.statistics.boxes import Cells, own_of_tiles
 from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER, Scatter, Sums
 from prooflight.detectors.matched_filter.statistics.page_scale import own_scatter
 from prooflight.detectors.matched_filter.statistics.statistic import (
@@ -27,7 +27,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     mode_and_ink,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.streaks import slanted, tile_scores
+from prooflight.kernels.statistics.streaks import limited_pushes, scales_about, slanted, tile_scores
 
 SLANT_MODES: Final = ("add-K", "void")
 """Modes of a mark on the page and of missing ink, of ``MODES``."""
@@ -50,9 +50,6 @@ few dark letters in a row are not. (On designs of their own 3 and 6 did as well,
 scratches were detected.)"""
 LEAST_TILES: Final = 50
 """Minimum number of tiles from which a page's own scatter is estimated."""
-ABOUT: Final = 16
-"""Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
-[tiles]"""
 CLIPPED: Final = 2.0
 """Limit of a tile's |t| in the mean of its window, in units of the scale, so that a line hardly raises it."""
 MEAN_CLIPPED: Final = 0.781
@@ -73,11 +70,14 @@ class Lines(NamedTuple):
     """(4, HEIGHTS, slopes, 2, 2): strip and column of each, in the oriented page."""
 
 
-def of_slants(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """Yield the greatest line of each mode, sign and height, and its excess over lines of other slopes."""
+def of_slants(sums: Sums, cells: Cells, scatter: Scatter) -> Iterator[Observed]:
+    """Yield the greatest line of each mode, sign and height, and its excess over lines of other slopes.
+
+    cells: the first of ``cells_of``.
+    """
     names = [name for name in SLANT_MODES if name in sums.modes]
     numbers = [sums.modes.index(name) for name in names]
-    maps = own_of_tiles(next(cells_of(sums, scatter.light)), numbers)
+    maps = own_of_tiles(cells, numbers)
     for name, mode, own, power, edges in zip(names, numbers, *maps, strict=True):
         lines = lines_of(*tile_contributions(own, power, edges, scatter.boxes[mode, 0]))
         for level, height in enumerate(HEIGHTS):
@@ -107,30 +107,21 @@ def tile_contributions(
     t, d = unset((2, *own.shape))
     tile_scores(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)
     t /= np.float32(own_scatter(t[::2, ::2], least=LEAST_TILES))
-    most = np.float32(MOST)
-    pushes = np.clip(t / scatter_about(t, d > 0), -most, most) * np.sqrt(d)
-    return np.asarray(pushes, np.float32), d
+    pushes = unset(t.shape)
+    limited_pushes(t, scatter_about(t, d > 0), d, np.float32(MOST), pushes)
+    return pushes, d
 
 
 def scatter_about(t: NDArray[np.float32], informative: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the scatter of tiles about each one, relative to the page's, (rows, columns), at least 1.
 
     It is Huber's proposal 2 with the mean for the mean square: the mean of |t|, limited to ``CLIPPED`` times
-    the scale. t: relative to the page's scatter.
+    the scale, over windows of ``ABOUT``. t: relative to the page's scatter.
     """
-    size, prior = np.abs(t), np.float32(PRIOR_TILES)
-    count = _in_windows(informative.astype(np.float32)) + prior
-    scale = np.ones_like(size)
-    for _ in range(ROUNDS):
-        cut = np.minimum(size, np.float32(CLIPPED) * scale)
-        scale = np.maximum((_in_windows(cut) / np.float32(MEAN_CLIPPED) + prior) / count, np.float32(1))
+    scale = unset(t.shape)
+    limits = (np.float32(one) for one in (CLIPPED, MEAN_CLIPPED, PRIOR_TILES))
+    scales_about(t, informative.view(np.uint8), *limits, ROUNDS, scale)
     return scale
-
-
-def _in_windows(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return sums over the window about each tile, with 0 beyond the page."""
-    summed = cv2.boxFilter(tiles, -1, (ABOUT, ABOUT), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(summed, np.float32)
 
 
 def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
@@ -138,22 +129,12 @@ def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
     tallest = HEIGHTS[-1]
     values = np.empty((4, len(HEIGHTS), tallest, 2), np.float32)
     places = np.empty((4, len(HEIGHTS), tallest, 2, 2), np.int64)
+    limits = HEIGHTS[0], FIRST_SLOPES, LEAST_INFORMATION, MOST_OF_HALF
+    turned = cv2.transpose(push), cv2.transpose(power)
     for way in range(4):
-        n, d = (_oriented(one, way) for one in (push, power))
-        slanted(n, d, HEIGHTS[0], FIRST_SLOPES, LEAST_INFORMATION, MOST_OF_HALF, values[way], places[way])
+        tiles = turned if way >= 2 else (push, power)
+        slanted(*tiles, way % 2 == 1, *limits, values[way], places[way])
     return Lines(values, places)
-
-
-def _oriented(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
-    """Orient tiles, padded to whole strips of the tallest lines.
-
-    Ways 2 and 3 are transposed, 1 and 3 mirrored.
-    """
-    turned = cv2.transpose(tiles) if way >= 2 else tiles  # four times as fast as NumPy's copies
-    turned = cv2.flip(turned, 1) if way % 2 else turned
-    more = -len(turned) % HEIGHTS[-1]
-    padded = cv2.copyMakeBorder(turned, 0, more, 0, 0, cv2.BORDER_CONSTANT, value=0.0)
-    return np.asarray(padded, np.float32)
 
 
 def _box_mm(sums: Sums, way: int, slope: int, height: int, place: NDArray[np.int64]) -> Box:

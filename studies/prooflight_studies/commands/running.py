@@ -33,11 +33,13 @@ def running(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option(help="started, matched_filter, drift, streak; default all."),
+        typer.Option(
+            help="started_one, started_two, started_pages, matched_filter, drift, streak; default all."
+        ),
     ] = None,
     pages: Annotated[
         Path | None,
-        typer.Option(metavar="JOB", help="Job of different pages, for the part started; default none."),
+        typer.Option(metavar="JOB", help="Job of different pages, for the part started_pages; default none."),
     ] = None,
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,

@@ -33,7 +33,7 @@ from prooflight_studies.running.started import StartedRun
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PARTS: Final = ("started", "matched_filter", "drift", "streak")
+PARTS: Final = ("started_one", "started_two", "started_pages", "matched_filter", "drift", "streak")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
 TWO_SENSORS_PER_S: Final = 4.0
@@ -119,7 +119,7 @@ class Study:
     inspectors: int
     progress: Callable[[str], None]
     pages: Path | None = None
-    """Job whose pages are all different, for the part ``started``; None: that run is left out."""
+    """Job whose pages are all different, for the part ``started_pages``; None: that part has no rows."""
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure the parts that are not in the cache yet; again: all parts named."""
@@ -134,45 +134,51 @@ class Study:
 
     # --- parts ---
 
-    def _started(self) -> list[dict[str, Any]]:
-        """Return rows of `prooflight watch` as a user starts it, on presses as `press build` makes them."""
-        one, two = (
-            self._trained("one", self.one, "prototype.toml"),
-            self._trained("two", None, TWO_SENSORS),
-        )
-        folder = self.cache / "running"
-        sample = make_sample_job(folder / "sample-job.pdf")
-        jobs = [
-            ("sample job", sample.path, sample.page_count, one, PAGES_PER_S),
-            ("sample job", sample.path, sample.page_count, two, TWO_SENSORS_PER_S),
-        ]
+    def _started_one(self) -> list[dict[str, Any]]:
+        """Return rows of `prooflight watch` as a user starts it, with the sample job, on a press of one sensor."""
+        return self._started_sample(self._trained("one", self.one, "prototype.toml"), PAGES_PER_S)
+
+    def _started_two(self) -> list[dict[str, Any]]:
+        """Return the same rows of a press of two sensors."""
+        return self._started_sample(self._trained("two", None, TWO_SENSORS), TWO_SENSORS_PER_S)
+
+    def _started_pages(self) -> list[dict[str, Any]]:
+        """Return the same rows of a prepared job whose pages are all different, on a press of one sensor."""
         if self.pages is None:
             self.progress("all pages different: left out, since no job was given by --pages")
-        else:
-            with job_source(self.pages, Press.load(one)).open() as opened:
-                different = len(opened)
-            jobs.append(("all pages different", self.pages, different, one, MATCHED_FILTER_PER_S))
-        rows = []
-        for name, job, pages, press, rate in jobs:
-            alone = job == self.pages
-            most = pages if alone else self.plan.live_sheets
-            started = StartedRun(
-                name=name,
-                job=job,
-                press=press,
-                sensors=len(Press.load(press).sensors),
-                pages=pages,
-                pages_per_s=rate,
-                prepared=alone,
-            )
-            rows += started.rows(
-                folder,
-                sheets=min(self.plan.live_sheets, most),
-                trial_sheets=min(self.plan.trial_sheets, most),
-                seed=self.seed,
-                progress=self.progress,
-            )
-        return rows
+            return []
+        press = self._trained("one", self.one, "prototype.toml")
+        with job_source(self.pages, Press.load(press)).open() as opened:
+            pages = len(opened)
+        return self._started(
+            "all pages different", self.pages, pages, press, MATCHED_FILTER_PER_S, most=pages, prepared=True
+        )
+
+    def _started_sample(self, press: Path, rate: float) -> list[dict[str, Any]]:
+        sample = make_sample_job(self.cache / "running" / "sample-job.pdf")
+        most = self.plan.live_sheets
+        return self._started("sample job", sample.path, sample.page_count, press, rate, most=most)
+
+    def _started(
+        self, name: str, job: Path, pages: int, press: Path, rate: float, *, most: int, prepared: bool = False
+    ) -> list[dict[str, Any]]:
+        """Return rows of a job of some pages at a rate, of ``most`` sheets at most."""
+        started = StartedRun(
+            name=name,
+            job=job,
+            press=press,
+            sensors=len(Press.load(press).sensors),
+            pages=pages,
+            pages_per_s=rate,
+            prepared=prepared,
+        )
+        return started.rows(
+            self.cache / "running",
+            sheets=min(self.plan.live_sheets, most),
+            trial_sheets=min(self.plan.trial_sheets, most),
+            seed=self.seed,
+            progress=self.progress,
+        )
 
     def _matched_filter(self) -> list[dict[str, Any]]:
         """Return rows of the matched filter as `press build` makes it, misprints among the prints.

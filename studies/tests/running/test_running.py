@@ -48,7 +48,7 @@ def test_parts_that_were_measured_with_another_seed_stay() -> None:
     }
     results = running_results({"streak": {"runs": 2}}, stored, cores=2, seed=5)
     assert results["parts"] == {"drift": {"seed": 1}, "streak": {"seed": 5}}
-    assert (results["started"], results["drift"], results["streak"]) == (None, ["before"], {"runs": 2})
+    assert (results["started_one"], results["drift"], results["streak"]) == (None, ["before"], {"runs": 2})
 
 
 def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
@@ -176,5 +176,5 @@ def test_the_page_states_each_run_that_a_user_starts() -> None:
         "asked_pages_per_s": 5.0, "highest_pages_per_s": 4.5,
     }  # fmt: skip
     assert "| sample job | 30 | 1 | cold | 12 | 5.0 | 2 | 0 | 1 | too late: 1 | 100, 100 | 4.5 |" in page_of(
-        {"started": [row]}, cores=2
+        {"started_one": [row]}, cores=2
     )

@@ -99,7 +99,7 @@ def running_results(
 
     measured: figures of parts that were measured with this seed. stored: the page's, of which other parts stay.
     """
-    parts = {part: {"seed": seed} for part in measured}
+    parts = {part: {"seed": seed} for part, rows in measured.items() if rows}
     facts = {"cores": cores, "deadline_ms": round(1000 * DEADLINE_S)}
     return {**dict.fromkeys(PARTS), **stored, **measured, **facts} | {
         "parts": stored.get("parts", {}) | parts

@@ -48,6 +48,7 @@ def test_parts_that_were_measured_with_another_seed_stay() -> None:
     }
     results = running_results({"streak": {"runs": 2}}, stored, cores=2, seed=5)
     assert results["parts"] == {"drift": {"seed": 1}, "streak": {"seed": 5}}
+    assert running_results({"started_pages": []}, stored, cores=2, seed=5)["parts"] == stored["parts"]
     assert (results["started_one"], results["drift"], results["streak"]) == (None, ["before"], {"runs": 2})
 
 

@@ -163,7 +163,7 @@ class ScanImages(Protocol):
 
 
 Engine = Callable[[PlacedPage], ScanImages]
-"""What makes the images of a scan."""
+"""Class of ``ScanImages`` that computes the images of a scan, given its page."""
 
 
 class HostImages:

@@ -10,17 +10,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.lib.stride_tricks import sliding_window_view
 
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.raster import Page
-from prooflight.prediction.predict import expected_light, predict, repeats_of
+from prooflight.prediction.predict import expected_light, predict
 from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
+from prooflight.prediction.raster_light import FlatGroups, raster_light
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
@@ -248,11 +252,62 @@ def test_planes_that_lie_apart_are_predicted_as_of_the_raster_composed(
     cmyk[10:15] = cmyk[:2] = cmyk[10]  # rows that are alike, which are looked up once
     printed = PrintedPage(page=page_of(cmyk, 300.0), planes=np.array(planes))
     how = {"sensors": [odd_sensor], "geometry": press.geometry, "placement": placement, "threads": 1}
-    by_rows = predict(printed, repeats=repeats_of(printed.page), **how)
+    by_rows = predict(printed, **how)
     composed = predict(printed.composed(), **how)
     np.testing.assert_array_equal(by_rows.expected_dn, composed.expected_dn)
     np.testing.assert_array_equal(by_rows.variance_dn2, composed.variance_dn2)
     assert (composed.expected_dn != predict(printed.page, **how).expected_dn).any()
+
+
+def blocks_page() -> Page:
+    """Return a page with large areas of one recipe, some up to its edges, and a last group that is not whole."""
+    cmyk = np.zeros((90, 150, 4), np.uint8)
+    cmyk[20:70, 30:100] = (0, 120, 40, 0)
+    cmyk[50:, 64:140, 3] = 200
+    cmyk[:9, :60, 0] = 255
+    return page_of(cmyk, 300.0)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("planes", [[[0, 0], [2, -1], [-2, 2], [1, 0]], [[0, 4], [0, 0], [0, 0], [0, 0]]])
+def test_flat_areas_are_predicted_as_all_others(
+    press: Press, odd_sensor: SensorModel, planes: list[list[int]], threads: int
+) -> None:
+    """Planes that are displaced further than the flat groups' reach are among them."""
+    page = blocks_page()
+    flat = FlatGroups.of(page, 2)
+    assert 0 < flat.flat.mean() < 1
+    printed, sensors = PrintedPage(page=page, planes=np.array(planes)), [odd_sensor]
+    raster = raster_light(printed, sensors=sensors, flat=flat)
+    for placement in (Placement(skew_deg=0.3), Placement(skew_deg=-1.0, shift_mm=(-0.4, 0.3))):
+        by_groups, composed = (
+            predict(
+                seen,
+                sensors=sensors,
+                geometry=press.geometry,
+                placement=placement,
+                raster=light,
+                threads=threads,
+            )
+            for seen, light in ((printed, raster), (printed.composed(), None))
+        )
+        np.testing.assert_allclose(by_groups.expected_dn, composed.expected_dn, atol=SINGLE_PRECISION_DN)
+        np.testing.assert_allclose(by_groups.variance_dn2, composed.variance_dn2, atol=SINGLE_PRECISION_DN)
+
+
+@pytest.mark.parametrize("reach", [1, 3, 20])
+def test_groups_are_flat_where_no_other_recipe_is_near(reach: int) -> None:
+    """One row further, some that might be flat are not, since changes along rows and down are marked together."""
+    page = blocks_page()
+
+    def alike(within: int) -> NDArray[np.bool_]:
+        around = np.pad(page.packed, within)  # beyond the page is no ink
+        near = sliding_window_view(around, (2 * within + 1, 16 + 2 * within))[:, ::16]
+        return np.asarray((near == near[..., :1, :1]).all(axis=(2, 3)))
+
+    flat = FlatGroups.of(page, reach).flat
+    assert not (flat & ~alike(reach)).any()
+    assert not (alike(reach + 1) & ~flat).any()
 
 
 def test_a_line_on_a_turned_page_is_seen_where_the_placement_says(

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,12 +17,14 @@ from prooflight.kernels.prediction.lines import (
     to_columns,
 )
 from prooflight.kernels.prediction.lookup import AT_ONCE, lookup_light
-from prooflight.kernels.prediction.moving import filter_moved_lines, find_repeats
+from prooflight.kernels.prediction.moving import filter_moved_lines
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
+from prooflight.prediction.raster_light import filtered_tables, raster_light
 from prooflight.prediction.sampling_grid import sampling_grid
+from prooflight.prediction.tables import shot_slope
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.pages.sampling import Footprint
+    from prooflight.prediction.raster_light import RasterLight
     from prooflight.prediction.sampling_grid import SamplingGrid
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -59,7 +61,7 @@ def predict(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     placement: Placement = IN_PLACE,
-    repeats: NDArray[np.bool_] | None = None,
+    raster: RasterLight | None = None,
     threads: int | None = None,
 ) -> Prediction:
     """Predict all lines of a page at ``placement``, as designed or with its planes displaced.
@@ -70,28 +72,30 @@ def predict(
     moves with the page and is sheared by its turn, but not stretched by its stretch. Displacements are linear between
     nodes (``sampling_grid``).
 
-    repeats: which raster rows equal the one above (``repeats_of``), so that they are not read; None: not known.
+    raster: light of the page's raster, for one that is predicted at several placements; None: it is looked up.
     threads: number of bands of lines that run at once; by default one a core.
     """
-    page, planes = raster_and_planes(page, placement)
-    shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
+    design = page.page if isinstance(page, PrintedPage) else page
+    shape = (len(sensors), geometry.lines(design.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
     light, spread = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    where = sampling_grid(page, geometry, placement, along_first=not placement.is_shift)
-    filtered = []
-    for sensor, mean_out, variance_out in zip(sensors, light, spread, strict=True):
-        filtered.append((sensor, sensor.mean_dn, sensor.backing_dn, mean_out))
-        if shot_slope(sensor) == 0:
-            filtered.append((sensor, sensor.variance_dn2, sensor.backing_variance_dn2, variance_out))
-    _in_bands(
-        workers,
-        shape[1],
-        [
-            _filtering(page, repeats, planes, sensor, where, table, backing, out)
-            for sensor, table, backing, out in filtered
-        ],
-    )
-    for sensor, _, _, out in filtered:
+    where = sampling_grid(design, geometry, placement, along_first=not placement.is_shift)
+    tables = filtered_tables(sensors)
+    filtered = [(sensors[one.sensor], (spread if one.of_variance else light)[one.sensor]) for one in tables]
+    if where.still:
+        still = raster_and_planes(page, placement)[0]
+        works = [
+            _filtering_still(still, sensor.footprint, where, [one.table], [one.backing], [out])
+            for one, (sensor, out) in zip(tables, filtered, strict=True)
+        ]
+    else:
+        raster = raster or raster_light(page, sensors=sensors)
+        works = [
+            _filtering(raster, values, where, sensor.footprint, design.pixel_mm, out)
+            for values, (sensor, out) in zip(raster.values, filtered, strict=True)
+        ]
+    _in_bands(workers, shape[1], works)
+    for sensor, out in filtered:
         correct_light(out, sensor.correction, threads=workers)
     levels = [
         partial(to_columns, levels_of(sensor), mean=mean, variance=variance)
@@ -99,13 +103,6 @@ def predict(
     ]
     _in_bands(workers, shape[1], levels)
     return Prediction(expected_dn=light, variance_dn2=spread)
-
-
-def repeats_of(page: Page) -> NDArray[np.bool_]:
-    """Return which raster rows (rows,) equal the one above."""
-    repeats = np.empty(len(page.cmyk), np.bool_)
-    find_repeats(page.packed, repeats)
-    return repeats
 
 
 def raster_and_planes(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
@@ -185,12 +182,6 @@ def expected_light(
     return mean[: len(cmyk)], variance[: len(cmyk)]
 
 
-@lru_cache(maxsize=128)
-def shot_slope(sensor: SensorModel) -> float:
-    """Return ``SensorModel.shot_slope``, computed once, since it searches both tables."""
-    return sensor.shot_slope()
-
-
 def levels_of(sensor: SensorModel) -> ColumnLevels:
     """Return a sensor's column parameters as kernels take them."""
     return ColumnLevels(
@@ -216,30 +207,22 @@ def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) ->
 
 
 def _filtering(
-    page: Page,
-    repeats: NDArray[np.bool_] | None,
-    planes: NDArray[np.int64],
-    sensor: SensorModel,
+    raster: RasterLight,
+    values: NDArray[np.float32],
     where: SamplingGrid,
-    table: NDArray[np.float32],
-    backing: float,
+    footprint: Footprint,
+    pixel_mm: float,
     light: NDArray[np.float32],
 ) -> Callable[..., None]:
-    """Return the filtering kernel with all arguments but the range of lines."""
-    if where.still:
-        return _filtering_still(page, sensor.footprint, where, [table], [backing], [light])
-    across, along = where.passes(sensor.footprint, page.pixel_mm)
+    """Return the filtering kernel with all arguments but the range of lines; values: of one table."""
     return partial(
         filter_moved_lines,
-        page.packed,
-        np.zeros(len(page.cmyk), np.bool_) if repeats is None else repeats,
-        planes,
-        quantised_table(table),
-        np.float32(backing),
-        across,
-        along,
+        values,
+        raster.starts,
+        raster.beyond,
+        raster.columns,
+        *where.passes(footprint, pixel_mm),
         where.phase_bits,
-        math.ceil(np.ptp(along.places, axis=1).max()),
         light=light,
     )
 

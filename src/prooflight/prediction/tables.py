@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -91,6 +92,12 @@ class SensorModel:
     def white_dn(self) -> float:
         """Light signal of bare paper. [DN]"""
         return float(self.mean_dn[0, 0, 0, 0])
+
+
+@lru_cache(maxsize=128)
+def shot_slope(sensor: SensorModel) -> float:
+    """Return ``SensorModel.shot_slope``, computed once, since it searches both tables."""
+    return sensor.shot_slope()
 
 
 class SameArray:

@@ -56,8 +56,9 @@ from prooflight.detectors.matched_filter.glyphs.scoring import (
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Sums, summed
 from prooflight.detectors.matched_filter.statistics.marks import Marks, measure_marks
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
-from prooflight.prediction.predict import Prediction, predict, repeats_of
+from prooflight.prediction.predict import Prediction, predict
 from prooflight.prediction.printed import PrintedPage
+from prooflight.prediction.raster_light import RasterLight, raster_light
 from prooflight.registration.planes import register_by_fringes, register_far_planes
 from prooflight.registration.register import Registration, register
 from prooflight.scans.placement import IN_PLACE, Placement
@@ -83,16 +84,21 @@ class PlacedPage:
     """Its binned pixels; ignored areas are not inside."""
     printed: Page | PrintedPage
     """The design with its planes displaced."""
-    repeats: NDArray[np.bool_]
-    """See ``predict``: of the raster of ``printed``, whose rows are others where planes lie off by parts of a pixel."""
     placement: Placement
     lost: NDArray[np.bool_] | None
     """(sensors, lines) lines of the scan that are unknown; None: none are."""
     residual_variance: ResidualVariance
     threads: int
 
-    def predict(self, placement: Placement) -> Prediction:
-        """Predict binned pixels.
+    def raster_light(self) -> RasterLight | None:
+        """Look up the light of what was printed, for ``predict``; None: it predicts camera pixels."""
+        if self.residual_variance.exact:
+            return None
+        design = self.design
+        return raster_light(self.printed, sensors=design.binned_sensors, flat=design.flat)
+
+    def predict(self, placement: Placement, raster: RasterLight | None = None) -> Prediction:
+        """Predict binned pixels; raster: ``raster_light``.
 
         A prediction in binned pixels takes half the time. At edges, where a column's own gain is applied to its
         neighbours' light as well, it is within a third of the noise of the binned prediction in camera pixels.
@@ -105,7 +111,7 @@ class PlacedPage:
                 sensors=design.binned_sensors,
                 geometry=design.binned_geometry,
                 placement=placement,
-                repeats=self.repeats,
+                raster=raster,
                 threads=threads,
             )
         sensors, geometry = design.landmarks.sensors, design.landmarks.geometry
@@ -172,7 +178,8 @@ class HostImages:
     def __init__(self, page: PlacedPage) -> None:
         design, where, threads = page.design, page.where, page.threads
         self._page, self._placement = page, page.placement
-        seen = page.predict(page.placement)
+        self._raster = page.raster_light()
+        seen = page.predict(page.placement, self._raster)
         modes = moved_modes(design.images, where, len(seen.expected_dn), threads=threads)
         self.hidden = None
         if design.hidden is not None:
@@ -229,7 +236,7 @@ class HostImages:
 
     def predict_again(self, placement: Placement) -> None:
         """See ``ScanImages``."""
-        after = self._page.predict(placement).expected_dn
+        after = self._page.predict(placement, self._raster).expected_dn
         by_prediction(self._left, self._weight, self._before, after, threads=self._page.threads)
         self._before = after
 
@@ -472,15 +479,11 @@ def _placed(
         where = replace(where, inside=where.inside & ~ignored)
     most_mm = prepared.prior.most_plane_mm
     printed, planes_mm = in_register(page, planes_mm, good_mm=most_mm, light=prepared.own_light)
-    repeats = prepared.repeats
-    if not isinstance(printed, PrintedPage) and printed is not page:
-        repeats = repeats_of(printed)
     placed = PlacedPage(
         design=prepared,
         scan=scan,
         where=where,
         printed=printed,
-        repeats=repeats,
         placement=placement,
         lost=lost,
         residual_variance=residual_variance,

@@ -32,6 +32,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     ResidualVariance,
     page_colours,
 )
+from prooflight.detectors.matched_filter.fit.residuals import most_steps
 from prooflight.detectors.matched_filter.fit.special_places import (
     ZoneImages,
     hidden_edges,
@@ -46,7 +47,8 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import PERIOD
 from prooflight.detectors.matched_filter.statistics.marks import speck_shares
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
-from prooflight.prediction.predict import Prediction, repeats_of
+from prooflight.prediction.predict import Prediction
+from prooflight.prediction.raster_light import FlatGroups
 from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import Overlaps, overlaps_of
 from prooflight.registration.register import Landmarks, prepare
@@ -70,8 +72,8 @@ class PreparedPage:
     """A design prepared for its scans."""
 
     page: Page
-    repeats: NDArray[np.bool_]
-    """See ``predict``."""
+    flat: FlatGroups
+    """Of the page, further than planes of a print are displaced."""
     landmarks: Landmarks
     overlaps: Overlaps | None = None
     """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
@@ -148,6 +150,7 @@ def without_arrays(design: PreparedPage) -> tuple[PreparedPage, dict[str, NDArra
     large: dict[str, NDArray[Any] | None] = {
         "levels": design.images.levels,
         "windows": design.landmarks.windows,
+        "flat": design.flat.flat,
         "hidden": design.hidden,
         "unresolved": design.unresolved,
     }
@@ -156,6 +159,7 @@ def without_arrays(design: PreparedPage) -> tuple[PreparedPage, dict[str, NDArra
         page=replace(design.page, cmyk=np.zeros((1, 1, INKS), np.uint8)),
         images=replace(design.images, levels=np.zeros((0, 0, 0), np.uint16)),
         landmarks=replace(design.landmarks, windows=np.zeros(0, np.float32)),
+        flat=replace(design.flat, flat=np.zeros((0, 0), np.bool_)),
         hidden=None,
         unresolved=None,
     )
@@ -169,6 +173,7 @@ def with_arrays(bare: PreparedPage, page: Page, arrays: Mapping[str, NDArray[Any
         page=page,
         images=replace(bare.images, levels=arrays["levels"]),
         landmarks=replace(bare.landmarks, windows=arrays["windows"]),
+        flat=replace(bare.flat, flat=arrays["flat"]),
         hidden=arrays.get("hidden"),
         unresolved=arrays.get("unresolved"),
     )
@@ -237,7 +242,7 @@ def prepare_page(
         overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm, finer=finer)
     return PreparedPage(
         page=page,
-        repeats=repeats_of(page),
+        flat=FlatGroups.of(page, most_steps(page, good_mm=prior.most_plane_mm)),
         landmarks=landmarks,
         overlaps=overlaps,
         images=QuantisedImages.of(modes.images),

@@ -117,24 +117,25 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
 
 
 @intrinsic
-def sum_tilted(context, source, starts, start, table, slopes, weight, taps, rest, tilt, out, at):  # type: ignore[no-untyped-def]
-    """Set out[at + i] = sum over t < taps of w[t, i] source[starts[start + t] + at + i], i < GROUP.
+def sum_tilted(context, source, starts, start, stride, table, slopes, weight, taps, rest, tilt, out, at):  # type: ignore[no-untyped-def]
+    """Set out[at + i] = sum over t < taps of w[t, i] source[starts[start + stride t] + i], i < GROUP.
 
     w[t, i] = table[weight + t] + (rest + tilt (i - (GROUP - 1) / 2)) slopes[weight + t]. source, table, slopes,
-    out (n,) float32; starts (n,) int64; rest, tilt float32. All contiguous.
+    out (n,) float32; starts (n,) int32; rest, tilt float32. All contiguous.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        arrays = (0, 1, 3, 4, 9)
+        arrays = (0, 1, 4, 5, 10)
         source, starts, table, slopes, out = (
             make_array(signature.args[n])(context, builder, args[n]).data for n in arrays
         )
-        start, weight, taps, rest, tilt, at = (args[n] for n in (2, 5, 6, 7, 8, 10))
+        start, stride, weight, taps, rest, tilt, at = (args[n] for n in (2, 3, 6, 7, 8, 9, 11))
         pixels = ir.VectorType(FLOAT, GROUP)
         none = ir.Constant(pixels, [ir.Constant(FLOAT, 0.0)] * GROUP)
         total, change = (cgutils.alloca_once_value(builder, none) for _ in range(2))
         with cgutils.for_range_slice(builder, ir.Constant(LONG, 0), taps, ir.Constant(LONG, 1)) as (tap, _):
-            place = builder.add(builder.load(number_at(builder, starts, builder.add(start, tap))), at)
+            row = builder.add(start, builder.mul(stride, tap))
+            place = builder.sext(builder.load(number_at(builder, starts, row)), LONG)
             seen = builder.load(vector_at(builder, source, place, GROUP), align=4)
             for array, onto in ((table, total), (slopes, change)):
                 by = filled(builder, builder.load(number_at(builder, array, builder.add(weight, tap))), GROUP)
@@ -150,6 +151,6 @@ def sum_tilted(context, source, starts, start, table, slopes, weight, taps, rest
 
     whole = types.int64
     signature = types.void(
-        source, starts, whole, table, slopes, whole, whole, types.float32, types.float32, out, whole
+        source, starts, whole, whole, table, slopes, whole, whole, types.float32, types.float32, out, whole
     )
     return signature, generate

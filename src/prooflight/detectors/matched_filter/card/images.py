@@ -57,8 +57,9 @@ from prooflight.kernels.gpu import prediction, residuals, sums
 from prooflight.kernels.prediction.aiming import phase_weights
 from prooflight.kernels.prediction.lens_correction import FAR_BLOCK, FARTHER_BLOCK
 from prooflight.kernels.residuals.fit import SHAPES, SUMS
-from prooflight.prediction.predict import Prediction, raster_and_planes, shot_slope
+from prooflight.prediction.predict import Prediction, raster_and_planes
 from prooflight.prediction.sampling_grid import sampling_grid
+from prooflight.prediction.tables import shot_slope
 
 if TYPE_CHECKING:
     from prooflight.kernels.gpu.runners import Pool, Runner

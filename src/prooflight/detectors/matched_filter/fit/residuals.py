@@ -5,6 +5,7 @@ The displacements are relative to the page's prediction, and are taken out of th
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -157,6 +158,11 @@ def variance_shares(residual_variance: ResidualVariance, noise: float, white_dn:
     of = residual_variance
     amounts = noise, of.edge, of.contrast, of.share, of.dark, white_dn
     return VarianceShares._make(map(np.float32, amounts))
+
+
+def most_steps(page: Page, *, good_mm: float) -> int:
+    """Return the maximum number of raster pixels by which ``in_register`` shifts planes; at least 1."""
+    return max(math.ceil(MOST_PLANE * good_mm / page.pixel_mm), 1)
 
 
 def in_register(

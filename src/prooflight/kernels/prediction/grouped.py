@@ -1,0 +1,186 @@
+"""Compiled loops that look up a raster's light once, in groups of columns, for any number of predictions.
+
+Most of a page is flat: a group whose surroundings have one recipe is not read at all.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.planes import compose_pixels
+from prooflight.kernels.prediction.filtering import copy_row
+from prooflight.kernels.prediction.lines import same_row
+from prooflight.kernels.prediction.lookup import lookup_light
+from prooflight.kernels.prediction.summing import GROUP
+from prooflight.kernels.vectors import INT, number_at
+
+ALL_FLAT = np.uint64(0x0101010101010101)
+"""Eight groups that are flat."""
+
+
+@inner_kernel()
+def differing_row(above, here, out):  # type: ignore[no-untyped-def]
+    """Compute where a row (columns,) differs from the one above or from the pixel to the left, out (columns,)."""
+    out[0] = (here[0] ^ above[0]) | here[0]
+    for i in range(1, here.size):
+        out[i] = (here[i] ^ above[i]) | (here[i] ^ here[i - 1])
+
+
+@kernel("packed (H, W), reach, changes (H + 1, W // GROUP)", where="0 < W, 1 <= reach")
+def find_changes(packed, reach, changes):  # type: ignore[no-untyped-def]
+    """Compute whether a recipe changes within ``reach`` columns of each group, from the row above or along the row.
+
+    changes (rows + 1, whole groups) bool. Beyond the page is no ink, and its end is a change where ink ends.
+    """
+    rows, columns = packed.shape
+    blank = np.zeros(columns, np.uint32)
+    differs = np.zeros(columns, np.uint32)
+    for row in range(rows + 1):
+        above, here = packed[row - 1] if row > 0 else blank, packed[row] if row < rows else blank
+        differing_row(above, here, differs)
+        for group in range(changes.shape[1]):
+            near = differs[max(GROUP * group - reach + 1, 0) : GROUP * (group + 1) + reach]
+            every = np.uint32(0)
+            for i in range(near.size):
+                every |= near[i]
+            if GROUP * (group + 1) + reach > columns:
+                every |= here[columns - 1]
+            changes[row, group] = every != 0
+
+
+@intrinsic
+def compose_group(context, packed, cyan, magenta, yellow, black, composed, above, here, pixels, at):  # type: ignore[no-untyped-def]
+    """Compose a group of columns of one row; return whether it differs from that of the row above.
+
+    packed, composed, pixels (n,) uint32; cyan, magenta, yellow, black: where in packed each plane's begins; above,
+    here: where in composed that of the row above begins, and this one. Written too: pixels from ``at`` on.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        packed, composed, pixels = (
+            make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 5, 8)
+        )
+        group = ir.VectorType(INT, GROUP)
+
+        def loaded(array: Any, place: Any) -> Any:
+            pointer = builder.bitcast(number_at(builder, array, place), group.as_pointer())
+            return builder.load(pointer, align=4)
+
+        def stored(value: Any, array: Any, place: Any) -> None:
+            builder.store(
+                value, builder.bitcast(number_at(builder, array, place), group.as_pointer()), align=4
+            )
+
+        total = None
+        for ink in range(4):
+            byte = ir.Constant(INT, 255 << (8 * ink))
+            part = builder.and_(loaded(packed, args[1 + ink]), ir.Constant(group, [byte] * GROUP))
+            total = part if total is None else builder.or_(total, part)
+        differs = builder.icmp_unsigned("!=", total, loaded(composed, args[6]))
+        stored(total, composed, args[7])
+        stored(total, pixels, args[9])
+        every = builder.bitcast(differs, ir.IntType(GROUP))
+        return builder.icmp_unsigned("!=", every, ir.Constant(ir.IntType(GROUP), 0))
+
+    whole = types.int64
+    places = (whole, whole, whole, whole)
+    return types.boolean(packed, *places, composed, whole, whole, pixels, whole), generate
+
+
+@inner_kernel()
+def compose_border(packed, row, planes, composed, above, here, column, pixels, at):  # type: ignore[no-untyped-def]
+    """Run ``compose_group`` on a group from ``column`` on of which some planes lack pixels."""
+    own = composed[here + column : here + column + GROUP]
+    stop = min(column + GROUP, packed.shape[1])
+    compose_pixels(packed, row, planes, composed[here : here + stop], column, stop)
+    copy_row(own, pixels[at : at + GROUP])
+    return not same_row(own, composed[above + column : above + column + GROUP])
+
+
+@kernel(
+    "packed (H, W), flat (H, W // GROUP), planes (4, 2), tables[].codes (N, 65536, 16), tables[].bits (N, 4), "
+    "backings (N), starts (H, (W + GROUP - 1) // GROUP), values (N, V)",
+    where="GROUP * (1 + H * ((W + GROUP - 1) // GROUP)) <= V",
+)
+def look_up_groups(packed, flat, planes, tables, backings, starts, values):  # type: ignore[no-untyped-def]
+    """Look up a raster with displaced planes, in groups of columns.
+
+    packed (rows, columns) uint32; flat (rows, whole groups): groups that have the recipe of all pixels around them,
+    further than any plane is displaced; planes: as in ``compose_row``; tables: a tuple of n ``QuantisedTable``;
+    backings (n,). Written: starts (rows, groups) int32, where in values the light of each group begins;
+    values (n, any) float32: light above the backing's, 0 beyond the page. Groups that are equal to that above,
+    or flat and beside a flat one, begin where it does.
+    """
+    rows, columns = packed.shape
+    groups, whole = starts.shape[1], flat.shape[1]
+    width, eights = groups * GROUP, whole // 8
+    of_columns = packed.reshape(-1)
+    composed = np.zeros(2 * width, np.uint32)
+    pixels = np.empty(width, np.uint32)
+    places = np.empty(4, np.int64)
+    low, high = max(0, planes[:, 0].max()), min(columns, columns + planes[:, 0].min()) - GROUP
+    top, bottom = max(0, planes[:, 1].max()), min(rows, rows + planes[:, 1].min())
+    at = GROUP
+    for row in range(rows):
+        here, above = row % 2 * width, (1 - row % 2) * width
+        for ink in range(4):
+            places[ink] = (row - planes[ink, 1]) * columns - planes[ink, 0]
+        flats, before = flat[row], flat[max(row - 1, 0)]
+        flat_eights, eights_before = flats[: 8 * eights].view(np.uint64), before[: 8 * eights].view(np.uint64)
+        begins, last_begins = starts[row], starts[max(row - 1, 0)]
+        is_first, count, group = row == 0, 0, 0
+        while group < groups:
+            eight = group // 8
+            skips = group % 8 == 0 and eight < eights and not is_first
+            if skips and flat_eights[eight] == ALL_FLAT and eights_before[eight] == ALL_FLAT:
+                for each in range(group, group + 8):
+                    begins[each] = last_begins[each]
+                group += 8
+                continue
+            column = GROUP * group
+            is_flat = group < whole and flats[group]
+            was_flat = group < whole and before[group]
+            if is_flat and was_flat and not is_first:
+                begins[group] = last_begins[group]
+            elif is_flat and group > 0 and flats[group - 1]:
+                begins[group] = begins[group - 1]
+            else:
+                is_new = True
+                if is_flat:
+                    for i in range(GROUP):
+                        pixels[count + i] = packed[row, column]
+                elif top <= row < bottom and low <= column <= high:
+                    is_new = compose_group(
+                        of_columns,
+                        places[0] + column,
+                        places[1] + column,
+                        places[2] + column,
+                        places[3] + column,
+                        composed,
+                        above + column,
+                        here + column,
+                        pixels,
+                        count,
+                    )
+                else:
+                    is_new = compose_border(packed, row, planes, composed, above, here, column, pixels, count)
+                if is_new or is_first or was_flat:
+                    begins[group] = at + count
+                    count += GROUP
+                else:
+                    begins[group] = last_begins[group]
+            group += 1
+        if count:
+            for n in range(len(tables)):
+                lookup_light(pixels[:count], tables[n], backings[n], values[n, at : at + count])
+        if whole < groups:  # its other columns are beyond the page
+            for n in range(len(tables)):
+                values[n, begins[whole] + columns - GROUP * whole : begins[whole] + GROUP] = 0
+        at += count

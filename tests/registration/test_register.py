@@ -331,6 +331,10 @@ def test_a_fit_is_the_most_likely_one_written_out() -> None:
     before = fitted(basis, np.arange(30), moves, precision, shares, **how)
     again = fitted(basis, np.arange(30), other, precision, shares, **how, root=before.root)
     assert again.solution == pytest.approx(fresh.solution, abs=1e-12)
+    others = rng.dirichlet(np.ones(5), (30, 2))[..., :4]
+    fresh = fitted(basis, np.arange(30), other, precision, others, **how)
+    again = fitted(basis, np.arange(30), other, precision, others, **how, waves_root=before.root)
+    assert again.solution == pytest.approx(fresh.solution, abs=1e-12)
 
 
 def unmoved(gain: np.ndarray) -> TileMoves:

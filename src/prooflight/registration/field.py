@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.kernels.memory import unset
 from prooflight.kernels.registration.field import backward, cholesky, forward, normal_equations
 from prooflight.registration.pose import Pose, slopes
 
@@ -171,7 +172,7 @@ class Field:
     mean: NDArray[np.float64]
     """Prior mean of the pose's steps, (5,): the steps that take the page back to its nominal place."""
     root: NDArray[np.float64]
-    """Lower Cholesky factor of the precision of the unknowns, each divided by its scale."""
+    """Lower Cholesky factor of the precision of the unknowns, each divided by its scale: waves, pose, planes."""
     weight: NDArray[np.float64]
     """Weight of each tile, (tiles,)."""
     left_mm: NDArray[np.float64]
@@ -223,18 +224,24 @@ class Field:
         for axis in range(2):
             first = SMOOTH + axis * self.count
             rows[axis, :, first : first + self.count] = self.basis.at[tiles, : self.count]
-        return np.array([[self._sd(row) for row in by_tile] for by_tile in rows]).T
+        return self._sd(rows.reshape(-1, self.solution.size)).reshape(2, -1).T
 
     def turn_sd(self) -> float:
         """Return the standard deviation of the pose's turn. [radian]"""
-        row = np.zeros(self.solution.size)
-        row[2] = 1
-        return self._sd(row)
+        row = np.zeros((1, self.solution.size))
+        row[0, 2] = 1
+        return float(self._sd(row)[0])
 
-    def _sd(self, row: NDArray[np.float64]) -> float:
-        spread = row * _scale(self.basis, self.count)
+    def _sd(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the standard deviations (n,) of sums of the unknowns with weights (n, unknowns)."""
+        spread = _waves_first(rows * _scale(self.basis, self.count))
         forward(self.root, spread)
-        return float(np.sqrt(spread @ spread))
+        return np.sqrt(np.square(spread).sum(axis=1))
+
+
+def _waves_first(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unknowns (.., n) in the order of ``Field.root``: a fit with other planes has the same waves."""
+    return np.roll(unknowns, -SMOOTH, axis=-1)
 
 
 def _scale(basis: Basis, count: int) -> NDArray[np.float64]:
@@ -260,6 +267,7 @@ def fitted(
     negligible: float = NEGLIGIBLE,
     weight: NDArray[np.float64] | None = None,
     root: NDArray[np.float64] | None = None,
+    waves_root: NDArray[np.float64] | None = None,
 ) -> Field:
     """Fit pose, planes and field to measured tiles.
 
@@ -275,6 +283,7 @@ def fitted(
     shares : (n, 2, 4) of inks in the tiles' edges
     weight : (n,) of the tiles; by default Huber weights about a first such field
     root : with ``weight``, ``Field.root`` of a fit that differed in ``moves_mm`` alone; None: there was none
+    waves_root : the same of a fit that differed in ``shares`` as well
     """
     waves = basis.waves
     count = int((waves.share >= negligible).sum())
@@ -283,25 +292,30 @@ def fitted(
     cosines, waves_at = tuple(each[chosen] for each in basis.cosines), basis.at[chosen]
     at = waves_at[:, :count]
     fixed = _fixed(basis.fixed[:, chosen], shares)
-    scale = _scale(basis, count)
+    scale = _waves_first(_scale(basis, count))
     mean = -pose.numbers
+    begin = 0 if waves_root is None else 2 * count
     # Where no weight is given, two rounds: tiles that are far off a first field weigh less in the second.
     given = np.ones(tiles.size) if weight is None else weight
     for last in (True,) if weight is not None else (False, True):
         weighted = precision * given[:, None, None]
         if root is None or weight is None:
-            factor, solution = normal_equations(
-                *cosines, *numbers, waves_at, fixed, weighted, moves_mm, scale
+            factor = unset((scale.size, 2 * scale.size)).view(np.float64)
+            if waves_root is not None:
+                factor[:begin] = waves_root[:begin]
+            solution = normal_equations(
+                *cosines, *numbers, waves_at, fixed, weighted, moves_mm, scale, begin, factor
             )
-            cholesky(factor)
+            cholesky(factor, begin)
         else:
             factor = root
             pull = np.einsum("nab,nb->na", weighted, moves_mm)
-            solution = np.concatenate([np.einsum("anj,na->j", fixed, pull), (pull.T @ at).ravel()]) * scale
-        solution[:POSE] += mean / scale[:POSE]
-        forward(factor, solution)
+            solution = np.concatenate([(pull.T @ at).ravel(), np.einsum("anj,na->j", fixed, pull)]) * scale
+        of_pose = slice(2 * count, 2 * count + POSE)
+        solution[of_pose] += mean / scale[of_pose]
+        forward(factor, solution[None])
         backward(factor, solution)
-        solution *= scale
+        solution = np.roll(solution * scale, SMOOTH)
         left = moves_mm - np.einsum("anj,j->na", fixed, solution[:SMOOTH])
         left -= at @ solution[SMOOTH:].reshape(2, count).T
         if not last:

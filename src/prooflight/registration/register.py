@@ -109,6 +109,8 @@ class PlacedTiles:
     """Weight of each tile, (tiles,)."""
     shares: NDArray[np.float64]
     """Shares of inks in the tiles' edges across and along, (tiles, 2, 4)."""
+    waves_root: NDArray[np.float64] | None = None
+    """``Field.root`` of the fit of these tiles with other planes given."""
     roots: dict[bytes, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     """``Field.root`` by the planes that are given: it does not depend on where they are."""
 
@@ -155,6 +157,7 @@ class PlacedTiles:
             pose=self.pose,
             weight=self.weight,
             root=self.roots.get(given.tobytes()),
+            waves_root=self.waves_root,
         )
         self.roots[given.tobytes()] = fit.root
         return fit, fit.planes_mm[first]
@@ -359,7 +362,13 @@ def _fielded(
     field, pose, _ = fit(every, tile_moves, places, weight=weight)
     off = places - landmarks.moves(pose, every) * pitch
     tiles = PlacedTiles(
-        landmarks=landmarks, pose=pose, off_mm=off, precision=precision, weight=weight, shares=shares
+        landmarks=landmarks,
+        pose=pose,
+        off_mm=off,
+        precision=precision,
+        weight=weight,
+        shares=shares,
+        waves_root=field.root,
     )
     return replace(_registration(landmarks, shares, pose, field, tile_moves, reason), tiles=tiles)
 

@@ -17,34 +17,35 @@ ROWS = 4
 
 @kernel(
     "cosines_x (N, _), cosines_y (N, _), numbers_x (K), numbers_y (K), waves (N, M), "
-    "fixed (2, N, F), precision (N, 2, 2), moves (N, 2), scale (F + 2 * K)",
+    "fixed (2, N, F), precision (N, 2, 2), moves (N, 2), scale (F + 2 * K), begin, normal (F + 2 * K, F + 2 * K)",
     where="0 < K, K <= M",
     fastmath=True,
     error_model="numpy",
 )
 def normal_equations(  # type: ignore[no-untyped-def]
-    cosines_x, cosines_y, numbers_x, numbers_y, waves, fixed, precision, moves, scale
+    cosines_x, cosines_y, numbers_x, numbers_y, waves, fixed, precision, moves, scale, begin, normal
 ):
-    """Return normal equations (lower triangle) and right-hand side of unknowns in units of ``scale``, of variance 1.
+    """Compute normal equations (lower triangle); return their right-hand side. Unknowns: waves across, along, f fixed.
 
-    cosines_x (n, 2 A + 1), cosines_y (n, 2 B + 1): cos(pi k u) at n tiles; wave i is number numbers_x[i] <= A
-    of the one times number numbers_y[i] <= B of the other, waves (n, all of them or more) their values. fixed
-    (2, n, f): derivatives of displacements across and along by the first f unknowns. precision (n, 2, 2),
-    moves (n, 2): of tiles. Unknowns: f fixed, waves across, waves along.
+    They are in units of ``scale``, of variance 1. cosines_x (n, 2 A + 1), cosines_y (n, 2 B + 1): cos(pi k u) at n
+    tiles; wave i is number numbers_x[i] <= A of the one times number numbers_y[i] <= B of the other, waves (n, all of
+    them or more) their values. fixed (2, n, f): derivatives of displacements across and along by the last f unknowns.
+    precision (n, 2, 2), moves (n, 2): of tiles. begin: 0, or the number of waves across and along, whose rows of normal
+    then stay as they are.
     """
     count, f = numbers_x.size, fixed.shape[2]
     size = f + 2 * count
     wide, high = 2 * numbers_x.max() + 1, 2 * numbers_y.max() + 1
     tables = np.zeros((3, wide, high))
-    cross = np.zeros((f, 2 * count))
-    normal, right_side = np.zeros((size, size)), np.zeros(size)
+    right_side = np.zeros(size)
+    normal[2 * count :] = 0
     for t in range(moves.shape[0]):
         xx, xy, yy = precision[t, 0, 0], precision[t, 0, 1], precision[t, 1, 1]
         if xx + yy == 0:
             continue
         g = waves[t, :count]
         across, along = xx * moves[t, 0] + xy * moves[t, 1], xy * moves[t, 0] + yy * moves[t, 1]
-        for m in range(wide):
+        for m in range(wide if begin == 0 else 0):
             cosine = cosines_x[t, m]
             a, b, c = xx * cosine, xy * cosine, yy * cosine
             for q in range(high):
@@ -53,24 +54,22 @@ def normal_equations(  # type: ignore[no-untyped-def]
                 tables[1, m, q] += b * other
                 tables[2, m, q] += c * other
         for i in range(count):
-            right_side[f + i] += across * g[i]
-            right_side[f + count + i] += along * g[i]
+            right_side[i] += across * g[i]
+            right_side[count + i] += along * g[i]
         for k in range(f):
             dx, dy = fixed[0, t, k], fixed[1, t, k]
             if dx == 0 and dy == 0:
                 continue
             by_x, by_y = xx * dx + xy * dy, xy * dx + yy * dy
-            right_side[k] += by_x * moves[t, 0] + by_y * moves[t, 1]
+            right_side[2 * count + k] += by_x * moves[t, 0] + by_y * moves[t, 1]
+            row = normal[2 * count + k]
             for j in range(k + 1):
-                normal[k, j] += by_x * fixed[0, t, j] + by_y * fixed[1, t, j]
+                row[2 * count + j] += by_x * fixed[0, t, j] + by_y * fixed[1, t, j]
             for i in range(count):
-                cross[k, i] += by_x * g[i]
-                cross[k, count + i] += by_y * g[i]
-    for i in range(count):
+                row[i] += by_x * g[i]
+                row[count + i] += by_y * g[i]
+    for i in range(count if begin == 0 else 0):
         a, b = numbers_x[i], numbers_y[i]
-        for k in range(f):
-            normal[f + i, k] = cross[k, i]
-            normal[f + count + i, k] = cross[k, count + i]
         for j in range(count):
             plus, minus = a + numbers_x[j], abs(a - numbers_x[j])
             up, down = b + numbers_y[j], abs(b - numbers_y[j])
@@ -79,14 +78,14 @@ def normal_equations(  # type: ignore[no-untyped-def]
                     continue
                 table = tables[part]
                 mean = (table[plus, up] + table[plus, down] + table[minus, up] + table[minus, down]) / 4
-                row, column = f + (part > 0) * count + i, f + (part > 1) * count + j
-                normal[row, column] = mean
-    for i in range(size):
+                normal[(part > 0) * count + i, (part > 1) * count + j] = mean
+    for i in range(begin, size):
         for j in range(i + 1):
             normal[i, j] *= scale[i] * scale[j]
         normal[i, i] += 1
+    for i in range(size):
         right_side[i] *= scale[i]
-    return normal, right_side
+    return right_side
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -98,11 +97,14 @@ def dot(a, b, count):  # type: ignore[no-untyped-def]
     return total
 
 
-@kernel("a (N, N)", fastmath=True, error_model="numpy")
-def cholesky(a):  # type: ignore[no-untyped-def]
-    """Compute the lower factor of a positive definite matrix, in place of its lower triangle; the upper one is kept."""
+@kernel("a (N, N), begin", where="begin % 2 == 0", fastmath=True, error_model="numpy")
+def cholesky(a, begin):  # type: ignore[no-untyped-def]
+    """Compute the lower factor of a positive definite matrix, in place of its lower triangle; the upper one is kept.
+
+    begin: number of rows from the first on, even, that are the factor's already.
+    """
     n = a.shape[0]
-    for first in range(0, n, ROWS):
+    for first in range(begin, n, ROWS):
         last = min(first + ROWS, n)
         if last - first == ROWS:
             r0, r1, r2, r3 = a[first], a[first + 1], a[first + 2], a[first + 3]
@@ -134,11 +136,12 @@ def cholesky(a):  # type: ignore[no-untyped-def]
             a[i, i] = np.sqrt(a[i, i] - dot(a[i], a[i], i))
 
 
-@kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
+@kernel("root (N, N), b (_, N)", fastmath=True, error_model="numpy")
 def forward(root, b):  # type: ignore[no-untyped-def]
-    """Compute root^-1 b, in place of b (n,)."""
-    for i in range(b.size):
-        b[i] = (b[i] - dot(root[i], b, i)) / root[i, i]
+    """Compute root^-1 b of each vector of b (vectors, n), in place."""
+    for i in range(b.shape[1]):
+        for k in range(b.shape[0]):
+            b[k, i] = (b[k, i] - dot(root[i], b[k], i)) / root[i, i]
 
 
 @kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")

@@ -288,7 +288,8 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
 def solved(s):  # type: ignore[no-untyped-def]
     """Return offset, gain and displacement x, y that solve one tile's normal equations."""
     a = np.empty((4, 4))
-    b = np.empty(4)
+    right_side = np.empty((1, 4))
+    b = right_side[0]
     k = 0
     for i in range(4):
         for j in range(i, 4):
@@ -298,7 +299,7 @@ def solved(s):  # type: ignore[no-untyped-def]
         b[i] = s[10 + i]
     for i in range(4):  # slight damping, since a tile may have edges of one direction only
         a[i, i] = a[i, i] * (1 + 1e-4) + 1e-9
-    cholesky(a)
-    forward(a, b)
+    cholesky(a, 0)
+    forward(a, right_side)
     backward(a, b)
     return np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.kernels.memory import unset
-from prooflight.kernels.registration.field import backward, cholesky, forward, normal_equations
+from prooflight.kernels.registration.field import backward, cholesky, equations_of_waves, forward
 from prooflight.registration.pose import Pose, slopes
 
 if TYPE_CHECKING:
@@ -285,32 +285,29 @@ def fitted(
     root : with ``weight``, ``Field.root`` of a fit that differed in ``moves_mm`` alone; None: there was none
     waves_root : the same of a fit that differed in ``shares`` as well
     """
-    waves = basis.waves
-    count = int((waves.share >= negligible).sum())
-    numbers = waves.numbers_x[:count], waves.numbers_y[:count]
+    count = int((basis.waves.share >= negligible).sum())
     chosen = slice(None) if tiles.size == len(basis.at) else tiles  # arrays of all tiles are not copied
-    cosines, waves_at = tuple(each[chosen] for each in basis.cosines), basis.at[chosen]
-    at = waves_at[:, :count]
+    at = basis.at[chosen, :count]
     fixed = _fixed(basis.fixed[:, chosen], shares)
     scale = _waves_first(_scale(basis, count))
     mean = -pose.numbers
-    begin = 0 if waves_root is None else 2 * count
     # Where no weight is given, two rounds: tiles that are far off a first field weigh less in the second.
     given = np.ones(tiles.size) if weight is None else weight
     for last in (True,) if weight is not None else (False, True):
         weighted = precision * given[:, None, None]
         if root is None or weight is None:
             factor = unset((scale.size, 2 * scale.size)).view(np.float64)
-            if waves_root is not None:
+            begin = 0 if waves_root is None else 2 * count
+            if waves_root is None:
+                _put_waves(basis, chosen, count, weighted, scale, factor)
+            else:
                 factor[:begin] = waves_root[:begin]
-            solution = normal_equations(
-                *cosines, *numbers, waves_at, fixed, weighted, moves_mm, scale, begin, factor
-            )
+            _put_fixed(at, fixed, weighted, scale, factor)
             cholesky(factor, begin)
         else:
             factor = root
-            pull = np.einsum("nab,nb->na", weighted, moves_mm)
-            solution = np.concatenate([(pull.T @ at).ravel(), np.einsum("anj,na->j", fixed, pull)]) * scale
+        pull = np.einsum("nab,nb->na", weighted, moves_mm)
+        solution = np.concatenate([(pull.T @ at).ravel(), np.einsum("anj,na->j", fixed, pull)]) * scale
         of_pose = slice(2 * count, 2 * count + POSE)
         solution[of_pose] += mean / scale[of_pose]
         forward(factor, solution[None])
@@ -323,6 +320,38 @@ def fitted(
     return Field(
         basis=basis, count=count, solution=solution, root=factor, weight=given, left_mm=left, mean=mean
     )
+
+
+def _put_waves(
+    basis: Basis,
+    chosen: slice | NDArray[np.intp],
+    count: int,
+    precision: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    normal: NDArray[np.float64],
+) -> None:
+    """Write the rows of ``count`` waves across and along into the normal equations of chosen tiles."""
+    numbers = basis.waves.numbers_x[:count], basis.waves.numbers_y[:count]
+    x, y = (each[chosen, : 2 * most.max() + 1] for each, most in zip(basis.cosines, numbers, strict=True))
+    tables = np.stack([(x.T * precision[:, a, b]) @ y for a, b in ((0, 0), (0, 1), (1, 1))])
+    equations_of_waves(tables, *numbers, scale, normal)
+
+
+def _put_fixed(
+    at: NDArray[np.float64],
+    fixed: NDArray[np.float64],
+    precision: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    normal: NDArray[np.float64],
+) -> None:
+    """Write the rows of pose and planes, the last ones, into the normal equations of tiles; at (n, count): waves."""
+    waves = 2 * at.shape[1]
+    pulls = [
+        (each[:, 0, None] * fixed[0] + each[:, 1, None] * fixed[1]).T for each in precision.swapaxes(0, 1)
+    ]
+    rows = [pulls[0] @ at, pulls[1] @ at, pulls[0] @ fixed[0] + pulls[1] @ fixed[1]]
+    normal[waves:] = np.concatenate(rows, axis=1) * np.outer(scale[waves:], scale)
+    normal[waves:, waves:] += np.eye(len(scale) - waves)
 
 
 def trust(

@@ -1,8 +1,7 @@
-"""Compiled linear algebra of the field: normal equations of pose, planes and waves, and their solution.
+"""Compiled linear algebra of the field: the waves' part of normal equations, and their solution.
 
 Products of cosines are sums of cosines, so that the waves' part of the normal equations needs a small table
-of sums over tiles only, not a product of matrices. Plain loops on one core: libraries would start threads for
-so little.
+of sums over tiles only, not a product of matrices as large as itself.
 """
 
 from __future__ import annotations
@@ -16,59 +15,19 @@ ROWS = 4
 
 
 @kernel(
-    "cosines_x (N, _), cosines_y (N, _), numbers_x (K), numbers_y (K), waves (N, M), "
-    "fixed (2, N, F), precision (N, 2, 2), moves (N, 2), scale (F + 2 * K), begin, normal (F + 2 * K, F + 2 * K)",
-    where="0 < K, K <= M",
-    fastmath=True,
+    "tables (3, A, B), numbers_x (K), numbers_y (K), scale (N), normal (N, N)",
+    where="2 * K <= N",
     error_model="numpy",
 )
-def normal_equations(  # type: ignore[no-untyped-def]
-    cosines_x, cosines_y, numbers_x, numbers_y, waves, fixed, precision, moves, scale, begin, normal
-):
-    """Compute normal equations (lower triangle); return their right-hand side. Unknowns: waves across, along, f fixed.
+def equations_of_waves(tables, numbers_x, numbers_y, scale, normal):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the first rows of normal (n, n), those of waves, for unknowns of variance 1.
 
-    They are in units of ``scale``, of variance 1. cosines_x (n, 2 A + 1), cosines_y (n, 2 B + 1): cos(pi k u) at n
-    tiles; wave i is number numbers_x[i] <= A of the one times number numbers_y[i] <= B of the other, waves (n, all of
-    them or more) their values. fixed (2, n, f): derivatives of displacements across and along by the last f unknowns.
-    precision (n, 2, 2), moves (n, 2): of tiles. begin: 0, or the number of waves across and along, whose rows of normal
-    then stay as they are.
+    Unknowns are in units of scale (n,). tables (3, a, b): sums over tiles of cosine number < a across times number < b along, by the tiles' precision xx, xy
+    and yy. Wave i is number numbers_x[i] <= (a - 1) / 2 of the one times number numbers_y[i] <= (b - 1) / 2 of the
+    other; all across come before all along.
     """
-    count, f = numbers_x.size, fixed.shape[2]
-    size = f + 2 * count
-    wide, high = 2 * numbers_x.max() + 1, 2 * numbers_y.max() + 1
-    tables = np.zeros((3, wide, high))
-    right_side = np.zeros(size)
-    normal[2 * count :] = 0
-    for t in range(moves.shape[0]):
-        xx, xy, yy = precision[t, 0, 0], precision[t, 0, 1], precision[t, 1, 1]
-        if xx + yy == 0:
-            continue
-        g = waves[t, :count]
-        across, along = xx * moves[t, 0] + xy * moves[t, 1], xy * moves[t, 0] + yy * moves[t, 1]
-        for m in range(wide if begin == 0 else 0):
-            cosine = cosines_x[t, m]
-            a, b, c = xx * cosine, xy * cosine, yy * cosine
-            for q in range(high):
-                other = cosines_y[t, q]
-                tables[0, m, q] += a * other
-                tables[1, m, q] += b * other
-                tables[2, m, q] += c * other
-        for i in range(count):
-            right_side[i] += across * g[i]
-            right_side[count + i] += along * g[i]
-        for k in range(f):
-            dx, dy = fixed[0, t, k], fixed[1, t, k]
-            if dx == 0 and dy == 0:
-                continue
-            by_x, by_y = xx * dx + xy * dy, xy * dx + yy * dy
-            right_side[2 * count + k] += by_x * moves[t, 0] + by_y * moves[t, 1]
-            row = normal[2 * count + k]
-            for j in range(k + 1):
-                row[2 * count + j] += by_x * fixed[0, t, j] + by_y * fixed[1, t, j]
-            for i in range(count):
-                row[i] += by_x * g[i]
-                row[count + i] += by_y * g[i]
-    for i in range(count if begin == 0 else 0):
+    count = numbers_x.size
+    for i in range(count):
         a, b = numbers_x[i], numbers_y[i]
         for j in range(count):
             plus, minus = a + numbers_x[j], abs(a - numbers_x[j])
@@ -78,14 +37,10 @@ def normal_equations(  # type: ignore[no-untyped-def]
                     continue
                 table = tables[part]
                 mean = (table[plus, up] + table[plus, down] + table[minus, up] + table[minus, down]) / 4
-                normal[(part > 0) * count + i, (part > 1) * count + j] = mean
-    for i in range(begin, size):
-        for j in range(i + 1):
-            normal[i, j] *= scale[i] * scale[j]
-        normal[i, i] += 1
-    for i in range(size):
-        right_side[i] *= scale[i]
-    return right_side
+                row, column = (part > 0) * count + i, (part > 1) * count + j
+                normal[row, column] = mean * scale[row] * scale[column]
+    for row in range(2 * count):
+        normal[row, row] += 1
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

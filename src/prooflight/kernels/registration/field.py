@@ -22,9 +22,9 @@ ROWS = 4
 def equations_of_waves(tables, numbers_x, numbers_y, scale, normal):  # type: ignore[no-untyped-def]
     """Write the lower triangle of the first rows of normal (n, n), those of waves, for unknowns of variance 1.
 
-    Unknowns are in units of scale (n,). tables (3, a, b): sums over tiles of cosine number < a across times number < b along, by the tiles' precision xx, xy
-    and yy. Wave i is number numbers_x[i] <= (a - 1) / 2 of the one times number numbers_y[i] <= (b - 1) / 2 of the
-    other; all across come before all along.
+    Unknowns are in units of scale (n,), all waves across first, then all along. tables (3, a, b): sums over tiles of
+    cosine number < a across times number < b along, by the tiles' precision xx, xy and yy. Wave i is number
+    numbers_x[i] <= (a - 1) / 2 of the one times number numbers_y[i] <= (b - 1) / 2 of the other.
     """
     count = numbers_x.size
     for i in range(count):

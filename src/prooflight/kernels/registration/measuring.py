@@ -10,7 +10,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_fewest, sum_many
 from prooflight.kernels.registration.field import backward, cholesky, forward
-from prooflight.kernels.registration.rendering import EIGHT, FOUR, sum_eight
+from prooflight.kernels.registration.rendering import EIGHT, FOUR, fetch, sum_eight
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -224,6 +224,16 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
         sums[k] = s
 
 
+@inner_kernel()
+def fetch_tile(scan, windows, tile, move, size):  # type: ignore[no-untyped-def]
+    """Fetch a tile's window, and its pixels of a scan displaced by move (2,), from memory while another is measured."""
+    area = windows.signals.shape[1] * windows.signals.shape[2]
+    fetch(windows.signals.reshape(-1), tile * area, (tile + 1) * area)
+    left, top = windows.columns[tile] + int(np.rint(move[0])), windows.lines[tile] + int(np.rint(move[1]))
+    for line in range(max(top, 0), min(top + size, scan.shape[0])):
+        fetch(scan[line], left, left + 2 * size - 1)
+
+
 @kernel(
     "scan (L, P), lost (L), light.offset (P), light.per_gain (P), light.noise (4), windows.signals (A, _, W), "
     "windows.origins (A, 2), windows.lines (A), windows.columns (A), taps.across (_, X), "
@@ -248,6 +258,8 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
     errors, weights = error.reshape(-1), base.reshape(-1)
     for n in range(tiles.size):
         tile = tiles[n]
+        if n + 1 < tiles.size:
+            fetch_tile(scan, windows, tiles[n + 1], moves[n + 1], size)
         whole_x, whole_y = int(np.rint(moves[n, 0])), int(np.rint(moves[n, 1]))
         left, top = windows.columns[tile] + whole_x, windows.lines[tile] + whole_y
         i0, i1 = max(-left, 0), min(size, scan.shape[1] - left)

@@ -132,11 +132,13 @@ def peaks(
     ``turn`` and lies at the maximum.
     """
     edges = _edges(scan, page.picture.shape)
-    likeness = fft.ifft2(fft.fft2(edges) * page.spectrum).real
-    likeness /= np.sqrt(page.energy * float((np.abs(edges) ** 2).sum())) + 1e-12
     pitch_x, pitch_y = page.pitch_mm
     far_x, far_y = (min(int(np.ceil(reach_mm / pitch)), PAD - 2) for pitch in (pitch_x, pitch_y))
-    near = np.roll(likeness, (far_y + 1, far_x + 1), axis=(0, 1))[: 2 * far_y + 3, : 2 * far_x + 3]
+    rows, columns = (np.arange(-far - 1, far + 2) for far in (far_y, far_x))
+    # The inverse transform of both axes, but of rows within reach alone.
+    along = fft.ifft(fft.fft2(edges) * page.spectrum, axis=0, norm="forward")[rows]
+    near = fft.ifft(along * np.float32(1 / edges.size), axis=1, norm="forward")[:, columns].real
+    near /= np.sqrt(page.energy * float((np.abs(edges) ** 2).sum())) + 1e-12
     maxima: list[tuple[float, Pose]] = []
     inner = near[1:-1, 1:-1]
     summit = inner >= cv2.dilate(near, np.ones((3, 3), np.uint8))[1:-1, 1:-1]

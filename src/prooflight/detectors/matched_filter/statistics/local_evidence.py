@@ -258,7 +258,8 @@ def _tile_sums(
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Return the sums over tiles of ``side`` pixels, as ``sums_from`` takes them, and the shifts of planes.
 
-    The gains (sensors, pixels) of single columns are removed from the residuals. The shifts are measured with all modes only, and are 0 otherwise.
+    The gains (sensors, pixels) of single columns are removed from the residuals. The shifts are measured with
+    all modes only, and are 0 otherwise.
     """
     _, lines, pixels = images.residual.shape
     tiles = unset((4, which.size + 1, lines // side, pixels // side))

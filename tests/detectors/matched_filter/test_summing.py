@@ -273,7 +273,7 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
     corners = np.array([[8, 8], [8, 16]])
     found = np.empty((2, SUMS), np.float32)
     inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover, shown=np.ones((3, 4, 2), bool))
-    block_sums(measured, expected, offset, variance, inks, inside, bells, corners, 8, found)
+    block_sums(measured, expected, offset, variance, inks, inside, bells, corners, found)
     light = expected - offset
     levels = np.rint(cover.astype(np.float64) * (LEVELS - 1)).astype(int)
     bell = np.prod([bells[ink, levels[ink]] for ink in range(4)], axis=0)

@@ -30,14 +30,12 @@ def sum_slopes(context, residual, weight, light, first, last, at, sums):  # type
             Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 6)
         )
         first, last, at = args[3:6]
-        one, half, most = (ir.Constant(LONG, 1), *(Group.of(builder, number) for number in (0.5, MOST_SIGMA)))
-        left, right = builder.sub(at, one), builder.add(at, one)
 
         def terms(line: Any) -> list[Group]:
-            w, above, below = weights.at(line, at), builder.sub(line, one), builder.add(line, one)
-            push = (residuals.at(line, at) * w).limited(most * w.root())
-            across = (lights.at(line, right) - lights.at(line, left)) * half
-            along = (lights.at(below, at) - lights.at(above, at)) * half
+            w, (across, along) = weights.at(line, at), lights.slopes(line, at)
+            across, along = across * 0.5, along * 0.5
+            most = w.root() * MOST_SIGMA
+            push = (residuals.at(line, at) * w).at_most(most).at_least(most * -1.0)
             return [across * push, along * push, across * across * w, along * along * w, across * along * w]
 
         for n, total in enumerate(sums_of_lines(builder, first, last, terms, 5)):
@@ -95,10 +93,9 @@ def by_slopes(context, weight, light, by, line, at, out):  # type: ignore[no-unt
         )
         line, at = args[3:5]
         none, one = ir.Constant(LONG, 0), ir.Constant(LONG, 1)
-        across = lights.at(line, builder.add(at, one)) - lights.at(line, builder.sub(at, one))
-        along = lights.at(builder.add(line, one), at) - lights.at(builder.sub(line, one), at)
-        of_both = (across * moves.at(none, at) + along * moves.at(one, at)) * Group.of(builder, 0.5)
-        change.store(none, at, of_both.chosen(weights.at(line, at), ">", Group.of(builder, 0.0)))
+        across, along = lights.slopes(line, at)
+        of_both = (across * moves.at(none, at) + along * moves.at(one, at)) * 0.5
+        change.store(none, at, of_both.chosen(weights.at(line, at), ">", 0.0))
         return context.get_dummy_value()
 
     return types.void(weight, light, by, types.int64, types.int64, out), generate

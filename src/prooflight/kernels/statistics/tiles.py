@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.residuals.binning import add_row
-from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, sums_of_lines
+from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled, sums_of_lines
 
 VOID, BLUR, WHOLE = 1 + 2 * INKS, 2 + 2 * INKS, 3 + 2 * INKS
 """Numbers of modes: light, each ink added (4), each ink's gain (4), void, blur and all inks' gain."""
@@ -71,20 +72,21 @@ def sum_mode(  # type: ignore[no-untyped-def]
             Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 3, 4, 5, 12)
         )
         begin, first, last, at = args[6:10]
-        none, limit = ir.Constant(LONG, 0), Group.of(builder, args[10])
-        classes = [
-            Group.of(builder, builder.extract_value(args[11], n)) for n in range(len(signature.args[11]))
-        ]
-        gain, before = own_gains.at(none, at), builder.sub(begin, first)
+        limit, *classes = (
+            Group(builder, filled(builder, number, GROUP))
+            for number in (args[10], *cgutils.unpack_tuple(builder, args[11]))
+        )
+        gain, before = own_gains.at(ir.Constant(LONG, 0), at), builder.sub(begin, first)
 
         def terms(line: Any) -> list[Group]:
             w, light, share = (one.at(line, at) for one in (weights, lights, shares))
             effect = modes.at(builder.add(line, before), at)
-            push = ((residuals.at(line, at) - light * gain) * w).limited(limit * w.root())
+            most = limit * w.root()
+            push = ((residuals.at(line, at) - light * gain) * w).at_most(most).at_least(most * -1.0)
             square, shared = effect * effect, effect * light
             found = []
-            for most in classes:
-                own_push, own = (one.chosen(share, "<=", most) for one in (push, w))
+            for most_edge in classes:
+                own_push, own = (one.chosen(share, "<=", most_edge) for one in (push, w))
                 found += [effect * own_push, square * own, shared * own, square * share * own]
             return found
 
@@ -108,12 +110,11 @@ def sum_energy(context, residual, weight, light, gains, first, last, at, sums): 
         )
         first, last, at = args[4:7]
         gain = own_gains.at(ir.Constant(LONG, 0), at)
-        most, one, none = (Group.of(builder, number) for number in (MOST_SQUARE, 1.0, 0.0))
 
         def terms(line: Any) -> list[Group]:
             w = weights.at(line, at)
             r = residuals.at(line, at) - lights.at(line, at) * gain
-            return [(r * r * w).where("<", most, most), one.chosen(w, ">", none)]
+            return [(r * r * w).at_most(MOST_SQUARE), w.above(0.0)]
 
         for n, total in enumerate(sums_of_lines(builder, first, last, terms, 2)):
             out.store(ir.Constant(LONG, n), at, total)

@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.fit.modes import PixelMap, QuantisedImages, moved, moved_modes
+from prooflight.detectors.matched_filter.fit.modes import (
+    PixelMap,
+    QuantisedImages,
+    filled_cells,
+    moved,
+    moved_modes,
+)
 from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
 from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
@@ -179,11 +185,11 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
     inner = (slice(6, -6), slice(6, -6))
     noise = rng.random((lines, pixels)).astype(np.float32)
     found = np.empty_like(noise)
-    move_smooth(noise[None], ONE, np.array([0]), across, along, 0, found[None])
+    move_smooth(noise[None], ONE, filled_cells(noise[None]), np.array([0]), across, along, 0, found[None])
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)
-    move_smooth(plane[None], ONE, np.array([0]), across, along, 0, found[None])
+    move_smooth(plane[None], ONE, filled_cells(plane[None]), np.array([0]), across, along, 0, found[None])
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
 
 
@@ -197,8 +203,10 @@ def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: 
     across, along = np.full((2, 4, 4), 0.3, np.float32)
     along[:] = down + rng.normal(0, 0.5, along.shape)
     found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])
-    move_smooth(images, np.ones(3, np.float32), np.arange(3), across, along, 0, found)
-    move_smooth(np.ones_like(ones), ONE, np.array([0]), across, along, 0, ones)
+    move_smooth(images, np.ones(3, np.float32), filled_cells(images), np.arange(3), across, along, 0, found)
+    move_smooth(
+        np.ones_like(ones), ONE, filled_cells(np.ones_like(ones)), np.array([0]), across, along, 0, ones
+    )
     np.testing.assert_array_equal(found[0], 0)
     np.testing.assert_allclose(found[1], found[2] - ones[0], atol=1e-5)
 

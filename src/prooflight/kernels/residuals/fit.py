@@ -115,7 +115,7 @@ def sum_light(  # type: ignore[no-untyped-def]
         offs, counts, lights, offsets, variances, textures, bright = (
             Rows(context, builder, signature.args[n], args[n], EIGHT) for n in (0, 1, 2, 3, 4, 5, 10)
         )
-        (top, first, last, at), none, one = args[6:10], ir.Constant(LONG, 0), ir.Constant(LONG, 1)
+        (top, first, last, at), none = args[6:10], ir.Constant(LONG, 0)
 
         def terms(line: Any) -> list[Group]:
             place = builder.sub(line, top)

@@ -330,6 +330,7 @@ def _moved(
     images: NDArray[np.float32] | QuantisedImages, seen: PixelMap, blank: int, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return moved images, whose blank lines are set to 0 from image ``blank`` on, and ``Modes.shown`` of them."""
+    taken: NDArray[np.generic]
     if isinstance(images, QuantisedImages):
         taken, units, filled = images.levels, images.units, images.filled
     else:

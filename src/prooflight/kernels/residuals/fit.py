@@ -224,10 +224,10 @@ def block_sums(  # type: ignore[no-untyped-def]
 ):
     """Compute sums over some blocks of ``EIGHT`` x ``EIGHT`` pixels of one sensor, into out (blocks, SUMS).
 
-    inks: ``InkImages``. corners (blocks, 2): first line and column, in order, multiples of ``EIGHT``. bells
-    (4, LEVELS, SHAPES): factors of each bell by ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out:
-    pixels inside, residual, light, variance, squared slope of light, texture, ink gains (4), dot gains (4), bells times
-    light, plane slopes across (4) and along (4).
+    inks: ``InkImages``. corners (blocks, 2): first line and column of whole blocks, in order, multiples of ``EIGHT``.
+    bells (4, LEVELS, SHAPES): factors of each bell by ink, whose product is exp(-|a - centre|^2 / length^2). Columns
+    of out: pixels inside, residual, light, variance, squared slope of light, texture, ink gains (4), dot gains (4),
+    bells times light, plane slopes across (4) and along (4).
     """
     lines, pixels = measured.shape
     gain, dot, texture, cover, shown = inks

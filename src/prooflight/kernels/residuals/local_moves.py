@@ -48,7 +48,7 @@ def sum_slopes(context, residual, weight, light, first, last, at, sums):  # type
 
 @kernel(
     "residual (L, P), weight (L, P), light (L, P), side, first, last, out (5, R, _)",
-    where="0 <= first, last <= R",
+    where="0 <= first, last <= R, P >= GROUP",
     fastmath=True,
     error_model="numpy",
 )
@@ -103,7 +103,7 @@ def by_slopes(context, weight, light, by, line, at, out):  # type: ignore[no-unt
 
 @kernel(
     "residual (L, P), weight (L, P), light (L, P), right (R, P), down (R, P), first, last",
-    where="0 <= first, last <= L, R > 0",
+    where="0 <= first, last <= L, R > 0, P >= GROUP",
     error_model="numpy",
 )
 def take_slopes(residual, weight, light, right, down, first, last):  # type: ignore[no-untyped-def]

@@ -146,7 +146,7 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
     "images.residual (L, P), images.weight (L, P), images.light (L, P), images.white (P), "
     "images.add (4, L, P), images.gain (4, L, P), images.of_edges (L, P), most_edges (2), shift (L), "
     "segment_lines, which (M), first, last, out (2, 4, M, G, P)",
-    where="0 <= first, last <= G",
+    where="0 <= first, last <= G, P >= GROUP",
     fastmath=True,
     error_model="numpy",
 )
@@ -259,7 +259,7 @@ def add_tile_row(images, gains, first, last, side, which, scratch, sums, out):  
     "images.residual (S, L, P), images.weight (S, L, P), images.light (S, L, P), images.white (S, P), "
     "images.add (S, 4, L, P), images.gain (S, 4, L, P), images.of_edges (S, L, P), gains (S, P), side, "
     "which (M), first, last, out (4, M + 1, L // side, P // side)",
-    where="0 <= first, last <= L // side",
+    where="0 <= first, last <= L // side, P >= GROUP",
 )
 def tile_sums(images, gains, side, which, first, last, out):  # type: ignore[no-untyped-def]
     """Compute sums over tiles of all sensors: out (4, modes + 1, tile rows, tile columns), rows first .. last - 1.

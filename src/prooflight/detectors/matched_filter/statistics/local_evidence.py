@@ -238,12 +238,13 @@ def _column_sums(
             own = ResidualImages._make(image[index] for image in images)
             line_sums(own, least, shift, segment, modes, first, last, columns)
 
-    def gained(index: int, first: int, last: int) -> None:
+    def gained(index: int) -> None:
         of_sensor = images.residual[index], images.weight[index], images.light[index]
-        column_gains(*of_sensor, information, first, last, gains[index])
+        column_gains(*of_sensor, information, 0, pixels, gains[index])
 
     tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
-    tasks += [partial(gained, index, *part) for index in range(sensors) for part in parts_of(pixels, threads)]
+    # Not in parts: last bits of columns at their ends would depend on the number of threads.
+    tasks += [partial(gained, index) for index in range(sensors)]
     shared_out(tasks, threads=threads)
     return columns, gains
 

@@ -22,7 +22,7 @@ MOST_PIECES: Final = 16
 ROOM: Final = 1.25
 """Greatest ratio of a piece's size to that of an array for which it is used."""
 MEMORY_PAGE: Final = 4096
-APART: Final = 5 * 64
+OFFSET: Final = 5 * 64
 """Distance of the beginnings of pieces, in whole lines of the cache. [bytes]"""
 
 
@@ -53,7 +53,7 @@ def unset(shape: tuple[int, ...]) -> NDArray[np.float32]:
             break
     else:
         room = np.empty(size + MEMORY_PAGE, np.uint8)
-        begin = (APART * _POOL.made - room.ctypes.data) % MEMORY_PAGE
+        begin = (OFFSET * _POOL.made - room.ctypes.data) % MEMORY_PAGE
         memory = room[begin : begin + size]
         _POOL.made += 1
         del pieces[: max(len(pieces) + 1 - MOST_PIECES, 0)]

@@ -84,11 +84,11 @@ def sum_mode(  # type: ignore[no-untyped-def]
             most = limit * w.root()
             push = ((residuals.at(line, at) - light * gain) * w).at_most(most).at_least(most * -1.0)
             square, shared = effect * effect, effect * light
-            found = []
+            products = []
             for most_edge in classes:
                 own_push, own = (one.chosen(share, "<=", most_edge) for one in (push, w))
-                found += [effect * own_push, square * own, shared * own, square * share * own]
-            return found
+                products += [effect * own_push, square * own, shared * own, square * share * own]
+            return products
 
         totals = sums_of_lines(builder, first, last, terms, 4 * len(classes))
         for n, total in enumerate(totals):

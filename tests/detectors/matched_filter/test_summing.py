@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.fit.modes import PixelMap, QuantisedImages, moved, moved_modes
+from prooflight.detectors.matched_filter.fit.modes import (
+    PixelMap,
+    QuantisedImages,
+    filled_cells,
+    moved,
+    moved_modes,
+)
 from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
 from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
@@ -84,15 +90,19 @@ def test_tiles_sum_what_their_pixels_say(seed: int, side: int) -> None:
     rows, columns = 23 // side, 37 // side
     found = np.empty((4, len(MODES) + 1, rows, columns), np.float32)
     two = [of, images(seed + 1)]
+    gains = 0.01 * np.random.default_rng(seed).random((2, 37)).astype(np.float32)
     for first, last in parts_of(rows, 3):
         tile_sums(
             ResidualImages(**{name: np.stack([one[name] for one in two]) for name in of}),
+            gains,
             side,
             np.arange(len(MODES)),
             first,
             last,
             found,
         )
+    for one, own in zip(two, gains, strict=True):
+        one["residual"] = one["residual"] - one["light"] * own
     said = products(two[0], 10) + products(two[1], 10)
     cut = said[..., : rows * side, : columns * side]
     asked = cut.reshape(4, len(MODES), rows, side, columns, side).sum(axis=(3, 5))
@@ -110,20 +120,20 @@ def test_tiles_sum_what_their_pixels_say(seed: int, side: int) -> None:
 def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
     of = images(seed)
     shift = np.random.default_rng(seed).integers(-3, 4, 23)
-    found = np.zeros((4, 10, 2, 37), np.float32)
+    shares = np.array([0.7, 0.3], np.float32)
+    found = np.zeros((2, 4, 10, 2, 37), np.float32)
     for segment in range(2):
         part = segment, segment + 1
-        line_sums(
-            ResidualImages(**of), np.array([0.7], np.float32), shift, 12, np.arange(10), *part, found[None]
-        )
-    said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
-    asked = np.zeros((4, 10, 2, 37))
-    for line in range(2, 21):
-        for x in range(37):
-            if 0 <= x - shift[line] < 37:
-                asked[:, :, line // 12, x - shift[line]] += said[:, :, line, x]
-    scale = np.abs(asked).max(axis=(2, 3), keepdims=True) + 1e-6
-    np.testing.assert_allclose(found / scale, asked / scale, atol=2e-5)
+        line_sums(ResidualImages(**of), shares, shift, 12, np.arange(10), *part, found)
+    for share, found_of in zip(shares, found, strict=True):
+        said = products(of, 4)[:, :10] * (of["of_edges"] <= share)
+        asked = np.zeros((4, 10, 2, 37))
+        for line in range(2, 21):
+            for x in range(37):
+                if 0 <= x - shift[line] < 37:
+                    asked[:, :, line // 12, x - shift[line]] += said[:, :, line, x]
+        scale = np.abs(asked).max(axis=(2, 3), keepdims=True) + 1e-6
+        np.testing.assert_allclose(found_of / scale, asked / scale, atol=2e-5)
 
 
 @few
@@ -175,11 +185,11 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
     inner = (slice(6, -6), slice(6, -6))
     noise = rng.random((lines, pixels)).astype(np.float32)
     found = np.empty_like(noise)
-    move_smooth(noise[None], ONE, np.array([0]), across, along, 0, found[None])
+    move_smooth(noise[None], ONE, filled_cells(noise[None]), np.array([0]), across, along, 0, found[None])
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)
-    move_smooth(plane[None], ONE, np.array([0]), across, along, 0, found[None])
+    move_smooth(plane[None], ONE, filled_cells(plane[None]), np.array([0]), across, along, 0, found[None])
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
 
 
@@ -193,8 +203,10 @@ def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: 
     across, along = np.full((2, 4, 4), 0.3, np.float32)
     along[:] = down + rng.normal(0, 0.5, along.shape)
     found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])
-    move_smooth(images, np.ones(3, np.float32), np.arange(3), across, along, 0, found)
-    move_smooth(np.ones_like(ones), ONE, np.array([0]), across, along, 0, ones)
+    move_smooth(images, np.ones(3, np.float32), filled_cells(images), np.arange(3), across, along, 0, found)
+    move_smooth(
+        np.ones_like(ones), ONE, filled_cells(np.ones_like(ones)), np.array([0]), across, along, 0, ones
+    )
     np.testing.assert_array_equal(found[0], 0)
     np.testing.assert_allclose(found[1], found[2] - ones[0], atol=1e-5)
 
@@ -269,7 +281,7 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
     corners = np.array([[8, 8], [8, 16]])
     found = np.empty((2, SUMS), np.float32)
     inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover, shown=np.ones((3, 4, 2), bool))
-    block_sums(measured, expected, offset, variance, inks, inside, bells, corners, 8, found)
+    block_sums(measured, expected, offset, variance, inks, inside, bells, corners, found)
     light = expected - offset
     levels = np.rint(cover.astype(np.float64) * (LEVELS - 1)).astype(int)
     bell = np.prod([bells[ink, levels[ink]] for ink in range(4)], axis=0)

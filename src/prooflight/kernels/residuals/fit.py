@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.moving import STRETCH
+from prooflight.kernels.vectors import FLOAT, INT, LONG, Group, Rows, filled, number_at, sums_of_lines
 
 SHAPES = 16
 """Greatest number of features of colour; those that a page does not have are 0."""
@@ -20,9 +25,9 @@ GAIN_AT, DOT_AT, SHAPE_AT = 6, 6 + INKS, 6 + 2 * INKS
 SLOPE_AT = SHAPE_AT + SHAPES
 """First column of planes' slopes across, then along."""
 SUMS = SLOPE_AT + 2 * INKS
-_MOST = np.float32(LEVELS - 1)
-_HALF = np.float32(0.5)
-_LEAST_AREA = np.float32(0.02)
+EIGHT = 8
+"""Side of a block. [pixels]"""
+LEAST_AREA: Final = 0.02
 """Ink area below which a plane's slope is not known."""
 
 
@@ -60,156 +65,214 @@ def sum_of(row):  # type: ignore[no-untyped-def]
     return total
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_levels(area, shift, recipe):  # type: ignore[no-untyped-def]
-    """Add the nearest levels of a row of an ink's areas to packed recipes (pixels,), from bit ``shift`` on."""
-    for x in range(area.size):
-        level = min(max(area[x], np.float32(0)), np.float32(1)) * _MOST + _HALF
-        recipe[x] |= np.int32(np.int32(level) << shift)
+@intrinsic
+def sum_bells(context, recipes, light, bells, shapes):  # type: ignore[no-untyped-def]
+    """Compute the sums of the bells of packed recipes (n,) times their light (n,), into shapes (SHAPES,)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        recipes, lights, factors, out = (
+            Rows(context, builder, signature.args[n], args[n], SHAPES) for n in range(4)
+        )
+
+        def terms(pixel: Any) -> list[Group]:
+            recipe = builder.zext(builder.load(number_at(builder, recipes.data, pixel)), LONG)
+            light = builder.load(number_at(builder, lights.data, pixel))
+            product = Group(builder, filled(builder, light, SHAPES))
+            for ink in range(INKS):
+                level = builder.and_(builder.lshr(recipe, ir.Constant(LONG, 8 * ink)), ir.Constant(LONG, 255))
+                place = builder.add(level, ir.Constant(LONG, ink * LEVELS))
+                product = product * factors.at(place, ir.Constant(LONG, 0))
+            return [product]
+
+        none = ir.Constant(LONG, 0)
+        (total,) = sums_of_lines(builder, none, recipes.pixels, terms, 1, SHAPES)
+        out.store(none, none, total)
+        return context.get_dummy_value()
+
+    return types.void(recipes, light, bells, shapes), generate
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_bells(recipe, light, bells, shapes):  # type: ignore[no-untyped-def]
-    """Add bells of one packed recipe times light to shapes (SHAPES,)."""
-    c, m = bells[0, recipe & 255], bells[1, (recipe >> 8) & 255]
-    y, k = bells[2, (recipe >> 16) & 255], bells[3, (recipe >> 24) & 255]
-    for j in range(SHAPES):
-        shapes[j] += c[j] * m[j] * y[j] * k[j] * light
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_runs(recipes, light, bells, shapes):  # type: ignore[no-untyped-def]
-    """Add bells of the recipes of a few pixels times their light to shapes, once for equal neighbours."""
-    recipe, alike = np.int32(0), np.float32(0)
+@inner_kernel()
+def any_ink(recipes):  # type: ignore[no-untyped-def]
+    """Return whether any of packed recipes (n,) has ink."""
+    bits = np.int32(0)
     for x in range(recipes.size):
-        if recipes[x] != recipe:
-            add_bells(recipe, alike, bells, shapes)
-            recipe, alike = recipes[x], np.float32(0)
-        alike += light[x]
-    add_bells(recipe, alike, bells, shapes)
+        bits |= recipes[x]
+    return bits != 0
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_product(row, share, sums):  # type: ignore[no-untyped-def]
-    """Add a row times a share of each pixel to sums (pixels,)."""
-    for x in range(sums.size):
-        sums[x] += row[x] * share[x]
+@intrinsic
+def sum_light(  # type: ignore[no-untyped-def]
+    context, off, there, expected, offset, variance, texture, top, first, last, at, light, sums
+):
+    """Sum up what does not depend on inks over a block, lines first .. last - 1, into the first of ``block_sums``.
 
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_light(measured, expected, offset, there, light, sums):  # type: ignore[no-untyped-def]
-    """Add a line's number of pixels, residuals, light and squared slopes to sums, rows of ``block_sums``.
-
-    expected: the line above, this one and the next; there (pixels,): 1 at pixels that count, else 0. Written: light
-    (pixels,), 0 where it does not count. Factors instead of conditions, under which loops do not run in vectors.
+    off, there (lines, w): residuals, and 1 at pixels that count, else 0, of lines from ``top`` on; offset (1, w); light
+    (lines, 8) is written, 0 where it does not count.
     """
-    above, here, below = expected
-    count, off, bright, steep = sums[0], sums[1], sums[2], sums[4]
-    for x in range(light.size):
-        count[x] += there[x]
-    for x in range(light.size):
-        off[x] += (measured[x] - here[x]) * there[x]
-    for x in range(light.size):
-        light[x] = (here[x] - offset[x]) * there[x]
-    for x in range(light.size):
-        bright[x] += light[x]
-    for x in range(1, light.size - 1):
-        across, along = (here[x + 1] - here[x - 1]) * _HALF, (below[x] - above[x]) * _HALF
-        steep[x] += (across * across + along * along) * there[x]
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        offs, counts, lights, offsets, variances, textures, bright = (
+            Rows(context, builder, signature.args[n], args[n], EIGHT) for n in (0, 1, 2, 3, 4, 5, 10)
+        )
+        (top, first, last, at), none = args[6:10], ir.Constant(LONG, 0)
+
+        def terms(line: Any) -> list[Group]:
+            place = builder.sub(line, top)
+            count = counts.at(place, at)
+            light = (lights.at(line, at) - offsets.at(none, at)) * count
+            bright.store(place, none, light)
+            across, along = lights.slopes(line, at)
+            steep = (across * across + along * along) * 0.25
+            others = offs.at(place, at), variances.at(line, at), steep, textures.at(line, at)
+            off, variance, steep, texture = (other * count for other in others)
+            return [count, off, light, variance, steep, texture]
+
+        out = Rows(context, builder, signature.args[11], args[11])
+        for n, total in enumerate(sums_of_lines(builder, first, last, terms, GAIN_AT, EIGHT)):
+            builder.store(total.total(), number_at(builder, out.data, ir.Constant(LONG, n)))
+        return context.get_dummy_value()
+
+    place = types.int64
+    taken = off, there, expected, offset, variance, texture, place, place, place, place
+    return types.void(*taken, light, sums), generate
+
+
+@intrinsic
+def sum_ink(context, gain, dot, cover, there, shown, ink, top, first, last, at, sums):  # type: ignore[no-untyped-def]
+    """Sum up one ink's effects and the slopes of its plane over a block, lines first .. last - 1, into ``block_sums``.
+
+    shown: whether gain and dot gain hold anything, 1 or 0; there: as ``sum_light``.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        gains, dots, covers, counts, out = (
+            Rows(context, builder, signature.args[n], args[n], EIGHT) for n in (0, 1, 2, 3, 10)
+        )
+        with_gain, with_dot = (
+            Group(builder, filled(builder, one, EIGHT)) for one in cgutils.unpack_tuple(builder, args[4])
+        )
+        ink, top, first, last, at = args[5:10]
+
+        def terms(line: Any) -> list[Group]:
+            count, area = counts.at(builder.sub(line, top), at), covers.at(line, at)
+            gain = (gains.at(line, at) * count).chosen(with_gain, ">", 0.0)
+            dot = (dots.at(line, at) * count).chosen(with_dot, ">", 0.0)
+            per_area = (gain * 0.5 / area).chosen(area, ">", LEAST_AREA)
+            across, along = covers.slopes(line, at)
+            return [gain, dot, per_area * across, per_area * along]
+
+        parts = GAIN_AT, DOT_AT, SLOPE_AT, SLOPE_AT + INKS
+        for part, total in zip(parts, sums_of_lines(builder, first, last, terms, 4, EIGHT), strict=True):
+            place = builder.add(ink, ir.Constant(LONG, part))
+            builder.store(total.total(), number_at(builder, out.data, place))
+        return context.get_dummy_value()
+
+    place = types.int64
+    taken = gain, dot, cover, there, shown, place, place, place, place, place
+    return types.void(*taken, sums), generate
+
+
+@intrinsic
+def add_levels(context, cover, shift, top, first, last, at, recipes):  # type: ignore[no-untyped-def]
+    """Add the nearest levels of an ink's areas in a block to packed recipes (lines, 8), from bit ``shift`` on."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        (shift, top, first, last, at), none = args[1:6], ir.Constant(LONG, 0)
+        covers = Rows(context, builder, signature.args[0], args[0], EIGHT)
+        packed = Rows(context, builder, signature.args[6], args[6], EIGHT)
+        whole = ir.VectorType(INT, EIGHT)
+        spread = ir.Constant(whole, [0] * EIGHT)
+        by = builder.insert_element(spread, builder.trunc(shift, INT), ir.Constant(INT, 0))
+        by = builder.shuffle_vector(by, by, spread)
+        with cgutils.for_range_slice(builder, first, last, ir.Constant(LONG, 1)) as (line, _):
+            level = covers.at(line, at).at_least(0.0).at_most(1.0) * (LEVELS - 1.0) + 0.5
+            place = builder.sub(line, top)
+            before = builder.bitcast(packed.at(place, none).value, whole)
+            recipe = builder.or_(before, builder.shl(builder.fptosi(level.value, whole), by))
+            packed.store(place, none, Group(builder, builder.bitcast(recipe, ir.VectorType(FLOAT, EIGHT))))
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(cover, place, place, place, place, place, recipes), generate
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def add_ink(gain, dot, areas, there, per_area, ink, sums):  # type: ignore[no-untyped-def]
-    """Add a line's effects of one ink and the slopes of its plane to sums, rows of ``block_sums``.
+def difference_of(row, other, out):  # type: ignore[no-untyped-def]
+    """Compute the difference of two rows (pixels,)."""
+    for x in range(out.size):
+        out[x] = row[x] - other[x]
 
-    areas: of the ink in the line above, this one and the next; per_area (pixels,) is working space.
-    """
-    above, here, below = areas
-    add_product(gain, there, sums[GAIN_AT + ink])
-    add_product(dot, there, sums[DOT_AT + ink])
-    across, along = sums[SLOPE_AT + ink], sums[SLOPE_AT + INKS + ink]
-    for x in range(per_area.size):
-        share = gain[x] / max(here[x], _LEAST_AREA) * _HALF
-        per_area[x] = share * there[x] * np.float32(here[x] > _LEAST_AREA)
-    for x in range(1, per_area.size - 1):
-        across[x] += per_area[x] * (here[x + 1] - here[x - 1])
-    for x in range(per_area.size):
-        along[x] += per_area[x] * (below[x] - above[x])
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def counted(inside, out):  # type: ignore[no-untyped-def]
+    """Compute 1 for pixels that count, else 0: the pixels at both ends do not."""
+    for x in range(out.size):
+        out[x] = inside[x]
+    out[0] = out[out.size - 1] = np.float32(0)
 
 
 @kernel(
     "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
     "inks.texture (L, P), inks.cover (4, L, P), inks.shown (3, 4, (L + STRETCH - 1) // STRETCH), inside (L, P), "
-    "bells (4, LEVELS, SHAPES), corners (N, 2), side, out (N, SUMS)",
+    "bells (4, LEVELS, SHAPES), corners (N, 2), out (N, SUMS)",
     fastmath=True,
     error_model="numpy",
 )
 def block_sums(  # type: ignore[no-untyped-def]
-    measured, expected, offset, variance, inks, inside, bells, corners, side, out
+    measured, expected, offset, variance, inks, inside, bells, corners, out
 ):
-    """Compute sums over some blocks of ``side`` pixels of one sensor, into out (blocks, SUMS).
+    """Compute sums over some blocks of ``EIGHT`` x ``EIGHT`` pixels of one sensor, into out (blocks, SUMS).
 
-    inks: ``InkImages``. corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of
-    each bell by ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out: pixels inside,
-    residual, light, variance, squared slope of light, texture, ink gains (4), dot gains (4), bells times
-    light, plane slopes across (4) and along (4).
-
-    Lines are summed up whole, in vectors, although not all of their blocks are used.
+    inks: ``InkImages``. corners (blocks, 2): first line and column of whole blocks, in order, multiples of ``EIGHT``.
+    bells (4, LEVELS, SHAPES): factors of each bell by ink, whose product is exp(-|a - centre|^2 / length^2). Columns
+    of out: pixels inside, residual, light, variance, squared slope of light, texture, ink gains (4), dot gains (4),
+    bells times light, plane slopes across (4) and along (4).
     """
     lines, pixels = measured.shape
     gain, dot, texture, cover, shown = inks
-    sums, bare = np.empty((SUMS, pixels), np.float32), np.empty(pixels, np.float32)
-    recipe, light, room = (
-        np.empty(pixels, np.int32),
-        np.empty(pixels, np.float32),
-        np.empty(pixels, np.float32),
-    )
-    there, blank, used = np.zeros(pixels, np.float32), np.zeros(pixels, np.float32), np.empty(SUMS, np.bool_)
+    off, there = np.empty((2, EIGHT, pixels), np.float32)
+    dark = np.empty((1, pixels), np.float32)
+    dark[0] = offset
+    bare = bells[0, 0] * bells[1, 0] * bells[2, 0] * bells[3, 0]
+    light, recipes = np.empty((EIGHT, EIGHT), np.float32), np.empty((EIGHT, EIGHT), np.int32)
     out[:] = np.float32(0)
-    begin = 0
-    while begin < corners.shape[0]:
-        top, end = corners[begin, 0], begin
-        while end < corners.shape[0] and corners[end, 0] == top:
-            end += 1
-        used[:] = False
-        used[:GAIN_AT] = True
-        sums[:GAIN_AT] = np.float32(0)
-        bare[:] = np.float32(0)
-        for line in range(max(top, 1), min(top + side, lines - 1)):
-            strip = line // STRETCH
-            for x in range(1, pixels - 1):
-                there[x] = inside[line, x]
-            near = expected[line - 1], expected[line], expected[line + 1]
-            add_light(measured[line], near, offset, there, light, sums)
-            add_product(variance[line], there, sums[3])
-            add_product(texture[line], there, sums[5])
-            recipe[:] = np.int32(0)
-            printed = False
-            for ink in range(INKS):
-                if shown[2, ink, strip] and shows(cover[ink, line]):
+    row = np.int64(-1)
+    for block in range(corners.shape[0]):
+        top, at = corners[block]
+        strip, sums = top // STRETCH, out[block]
+        first, last = max(top, 1), min(top + EIGHT, lines - 1)
+        if top != row:
+            row = top
+            for line in range(first, last):
+                difference_of(measured[line], expected[line], off[line - top])
+                counted(inside[line], there[line - top])
+            light[:] = np.float32(0)
+        sum_light(off, there, expected, dark, variance, texture, top, first, last, at, light, sums)
+        printed = False
+        for ink in range(INKS):
+            if shown[2, ink, strip]:
+                if not printed:
+                    recipes[:] = np.int32(0)
                     printed = True
-                    add_levels(cover[ink, line], np.int32(8 * ink), recipe)
-                if not (shown[0, ink, strip] or shown[1, ink, strip]):
-                    continue
-                for part in (GAIN_AT, DOT_AT, SLOPE_AT, SLOPE_AT + INKS):
-                    if not used[part + ink]:
-                        used[part + ink] = True
-                        sums[part + ink] = np.float32(0)
-                own_gain = gain[ink, line] if shown[0, ink, strip] else blank
-                own_dot = dot[ink, line] if shown[1, ink, strip] else blank
-                areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
-                add_ink(own_gain, own_dot, areas, there, room, ink, sums)
-            if not printed:
-                for x in range(pixels):
-                    bare[x] += light[x]
-                continue
-            for block in range(begin, end):
-                across = slice(corners[block, 1], corners[block, 1] + side)
-                add_runs(recipe[across], light[across], bells, out[block, SHAPE_AT:SLOPE_AT])
-        for block in range(begin, end):
-            across = slice(corners[block, 1], corners[block, 1] + side)
-            add_bells(np.int32(0), sum_of(bare[across]), bells, out[block, SHAPE_AT:SLOPE_AT])
-            for part in range(SUMS):
-                if used[part]:
-                    out[block, part] = sum_of(sums[part, across])
-        begin = end
+                add_levels(cover[ink], 8 * ink, top, first, last, at, recipes)
+            with_gain, with_dot = np.float32(shown[0, ink, strip]), np.float32(shown[1, ink, strip])
+            if with_gain + with_dot > 0:
+                sum_ink(
+                    gain[ink],
+                    dot[ink],
+                    cover[ink],
+                    there,
+                    (with_gain, with_dot),
+                    ink,
+                    top,
+                    first,
+                    last,
+                    at,
+                    sums,
+                )
+        if printed and any_ink(recipes.reshape(-1)):
+            sum_bells(recipes.reshape(-1), light.reshape(-1), bells, sums[SHAPE_AT:SLOPE_AT])
+        else:
+            for j in range(SHAPES):
+                sums[SHAPE_AT + j] = bare[j] * sums[2]

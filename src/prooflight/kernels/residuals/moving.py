@@ -8,6 +8,8 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 STRETCH = 16
 """Pixels between nodes, along lines and across them."""
+CELL, CELL_LINES = 4 * STRETCH, STRETCH // 2
+"""Width and height of cells that are left out where they show nothing."""
 _HALF = np.float32(0.5)
 
 
@@ -75,6 +77,10 @@ def move_edge(image, unit, left, top, u, v, out):  # type: ignore[no-untyped-def
 def move_span(image, unit, left, top, u, v, out):  # type: ignore[no-untyped-def]
     """Interpolate part of a line, out (n,), u, v (n,) beyond neighbours from (top, left) on, inside and at borders."""
     lines, pixels = image.shape
+    if left >= 0 and left + out.size < pixels and top >= 0 and top + 2 <= lines:
+        size = out.size + 1
+        move_run(image[top, left : left + size], image[top + 1, left : left + size], unit, u, v, out)
+        return
     first, last = max(0, -left), min(out.size, pixels - 1 - left)
     if first >= last or top < 0 or top + 2 > lines:
         move_edge(image, unit, left, top, u, v, out)
@@ -87,12 +93,15 @@ def move_span(image, unit, left, top, u, v, out):  # type: ignore[no-untyped-def
 
 
 @inner_kernel()
-def move_line(image, unit, line, whole, shares, out):  # type: ignore[no-untyped-def]
-    """Displace one line of an image to out (pixels,) as from ``aim_line``; equal stretches are processed at once."""
-    start = 0
-    for k in range(whole.shape[1]):
+def move_line(image, unit, line, whole, shares, begin, end, out):  # type: ignore[no-untyped-def]
+    """Displace stretches begin .. end - 1 of one line of an image to out (pixels,) as from ``aim_line``.
+
+    Equal stretches are processed at once.
+    """
+    start = begin * STRETCH
+    for k in range(begin, end):
         right, down = whole[0, k], whole[1, k]
-        if k + 1 < whole.shape[1] and whole[0, k + 1] == right and whole[1, k + 1] == down:
+        if k + 1 < end and whole[0, k + 1] == right and whole[1, k + 1] == down:
             continue
         stop = min((k + 1) * STRETCH, out.size)
         u, v = shares[0, start:stop], shares[1, start:stop]
@@ -101,35 +110,80 @@ def move_line(image, unit, line, whole, shares, out):  # type: ignore[no-untyped
 
 
 @inner_kernel()
-def any_shows(image):  # type: ignore[no-untyped-def]
-    """Return whether anything in an image (lines, pixels) is not 0."""
-    line, seen = 0, False
-    while line < image.shape[0] and not seen:
-        row = image[line]
-        for x in range(row.size):
-            seen |= row[x] != 0
-        line += 1
+def add_shown(row, shown):  # type: ignore[no-untyped-def]
+    """Set shown (pixels,) to 1 where a row is not 0."""
+    for x in range(row.size):
+        shown[x] |= np.uint8(row[x] != 0)
+
+
+@inner_kernel()
+def any_of(shown):  # type: ignore[no-untyped-def]
+    """Return the bits that any of shown (n,) has."""
+    bits = np.uint8(0)
+    for x in range(shown.size):
+        bits |= shown[x]
+    return bits
+
+
+@kernel("images (N, L, P), out (N, (L + CELL_LINES - 1) // CELL_LINES, (P + CELL - 1) // CELL)")
+def find_filled(images, out):  # type: ignore[no-untyped-def]
+    """Compute which cells of images (n, lines, pixels) show anything, out (n, ., .) uint8."""
+    shown = np.empty(images.shape[2], np.uint8)
+    for n in range(out.shape[0]):
+        for row in range(out.shape[1]):
+            for x in range(shown.size):
+                shown[x] = np.uint8(0)
+            for line in range(row * CELL_LINES, min((row + 1) * CELL_LINES, images.shape[1])):
+                add_shown(images[n, line], shown)
+            for cell in range(out.shape[2]):
+                out[n, row, cell] = any_of(shown[cell * CELL : (cell + 1) * CELL])
+
+
+@inner_kernel()
+def cells_seen(filled, lines, low, high, pixels, cells):  # type: ignore[no-untyped-def]
+    """Compute which cells (n,) of some lines see anything that is displaced by ``low`` to ``high`` pixels.
+
+    filled: as from ``find_filled``; lines: the first that are seen, and the one beyond. Returned: whether any does.
+    """
+    first, stop = lines
+    seen = False
+    for n in range(cells.size):
+        left, right = max(n * CELL + low, 0), min((n + 1) * CELL + high, pixels)
+        cells[n] = False
+        for row in range(first // CELL_LINES, (stop + CELL_LINES - 1) // CELL_LINES):
+            for cell in range(left // CELL, (right + CELL - 1) // CELL):
+                cells[n] |= filled[row, cell] != 0
+        seen |= cells[n]
     return seen
 
 
+@inner_kernel()
+def clear(row):  # type: ignore[no-untyped-def]
+    """Set a row to 0."""
+    for x in range(row.size):
+        row[x] = np.float32(0)
+
+
 @kernel(
-    "images (N, L, P), units (N), which (_), across (R, C), along (R, C), blank, out (N, L, P)",
+    "images (N, L, P), units (N), filled (N, (L + CELL_LINES - 1) // CELL_LINES, (P + CELL - 1) // CELL), which (_), "
+    "across (R, C), along (R, C), blank, out (N, L, P)",
     where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
 )
-def move_smooth(images, units, which, across, along, blank, out):  # type: ignore[no-untyped-def]
+def move_smooth(images, units, filled, which, across, along, blank, out):  # type: ignore[no-untyped-def]
     """Sample some of images (n, lines, pixels) at pixel + across, line + along (nodes) to out, bilinear; 0 beyond.
 
-    They are float32, or uint16 levels; units (n,): value of 1 in each.
+    They are float32, or uint16 levels; units (n,): value of 1 in each; filled: as from ``find_filled``.
     Some lines of all images are processed at a time, one image after the other, so that pixels and positions
-    stay in the cache. Lines without content are skipped: most of a page has none of most inks. They are set to 0 from
-    image ``blank`` on, and left as they are in the images before. Returned: which stretches of lines of each image have
-    content, (images of ``which``, stretches).
+    stay in the cache. Cells without content are not interpolated: most of a page has none of most inks. Lines without
+    any are set to 0 from image ``blank`` on, and left as they are in the images before. Returned: which stretches of
+    lines of each image have content, (images of ``which``, stretches).
     """
     lines, pixels = images.shape[1:]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     whole = np.empty((STRETCH, 2, (pixels + STRETCH - 1) // STRETCH), np.int64)
     shares = np.empty((STRETCH, 2, pixels), np.float32)
     shown = np.zeros((which.size, (lines + STRETCH - 1) // STRETCH), np.bool_)
+    cells = np.empty((pixels + CELL - 1) // CELL, np.bool_)
     for first in range(0, lines, STRETCH):
         count = min(STRETCH, lines - first)
         for i in range(count):
@@ -137,16 +191,27 @@ def move_smooth(images, units, which, across, along, blank, out):  # type: ignor
             node_row(along, first + i, down)
             aim_line(right, down, pixels, whole[i], shares[i])
         top = max(first + whole[:count, 1].min(), 0)
-        stop = min(first + count + whole[:count, 1].max() + 1, lines)
+        stop = max(min(first + count + whole[:count, 1].max() + 1, lines), top)
+        low, high = whole[:count, 0].min(), whole[:count, 0].max() + 1
         for place in range(which.size):
             n = which[place]
-            shows = units[n] != 0 and any_shows(images[n, top:stop])
+            shows = cells_seen(filled[n], (top, stop), low, high, pixels, cells)
             shown[place, first // STRETCH] = shows
-            if shows:
-                for i in range(count):
-                    move_line(images[n], units[n], first + i, whole[i], shares[i], out[n, first + i])
-            elif n >= blank:
-                out[n, first : first + count] = np.float32(0)
+            begin, end = 0, cells.size if not shows and n < blank else 0
+            while end < cells.size:
+                begin, end = end, end + 1
+                seen = shows and cells[begin]
+                while end < cells.size and (shows and cells[end]) == seen:
+                    end += 1
+                x0, x1 = begin * CELL, min(end * CELL, pixels)
+                for line in range(first, first + count):
+                    if seen:
+                        i, last = line - first, (x1 + STRETCH - 1) // STRETCH
+                        move_line(
+                            images[n], units[n], line, whole[i], shares[i], x0 // STRETCH, last, out[n, line]
+                        )
+                    else:
+                        clear(out[n, line, x0:x1])
     return shown
 
 

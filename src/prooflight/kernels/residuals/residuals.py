@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows, sum_of
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows
 from prooflight.kernels.residuals.moving import STRETCH
 
 _SAME = np.float32(0.004)
@@ -277,82 +277,6 @@ def variances(  # type: ignore[no-untyped-def]
             at_white = share * here[x]
             part = edge * slope[x] / (rest[x] + at_white * at_white)
             steep[x] = part if there[x] else np.float32(0)
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_slopes(residual, weight, above, light, below, scratch, sums):  # type: ignore[no-untyped-def]
-    """Add a row's sums about displacements to sums (5, pixels), as in ``slope_sums``; nothing at its ends.
-
-    above, light, below: rows of light; made (3, pixels) is working space.
-    """
-    push, across, along = scratch[0], scratch[1], scratch[2]
-    for x in range(residual.size):
-        r, w = residual[x], weight[x]
-        push[x] = r * w * min(np.float32(1), np.float32(16) / np.sqrt(r * r * w + _FLOOR))
-    for x in range(1, residual.size - 1):
-        across[x] = (light[x + 1] - light[x - 1]) * np.float32(0.5)
-    across[0] = across[residual.size - 1] = np.float32(0)
-    for x in range(residual.size):
-        along[x] = (below[x] - above[x]) * np.float32(0.5)
-    ax, ay, xx, yy, xy = sums[0], sums[1], sums[2], sums[3], sums[4]
-    for x in range(residual.size):
-        ax[x] += across[x] * push[x]
-    for x in range(residual.size):
-        ay[x] += along[x] * push[x]
-    for x in range(residual.size):
-        xx[x] += across[x] * across[x] * weight[x]
-    for x in range(residual.size):
-        yy[x] += along[x] * along[x] * weight[x]
-    for x in range(residual.size):
-        xy[x] += across[x] * along[x] * weight[x]
-
-
-@kernel(
-    "residual (L, P), weight (L, P), light (L, P), side, first, last, out (5, R, _)",
-    where="0 <= first, last <= R",
-    fastmath=True,
-    error_model="numpy",
-)
-def slope_sums(residual, weight, light, side, first, last, out):  # type: ignore[no-untyped-def]
-    """Add sums of one sensor's residuals about local displacements to out (5, tile rows, tile columns).
-
-    Rows first .. last - 1: sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the
-    light across and along; r is limited to 16 sigma. The last tiles include the remaining pixels.
-    """
-    lines, pixels = residual.shape
-    rows, columns = out.shape[1], out.shape[2]
-    sums, scratch = np.empty((5, pixels), np.float32), np.empty((3, pixels), np.float32)
-    for row in range(first, last):
-        sums[:] = np.float32(0)
-        stop = lines - 2 if row == rows - 1 else (row + 1) * side
-        for line in range(max(row * side, 2), min(stop, lines - 2)):
-            around = light[line - 1], light[line], light[line + 1]
-            add_slopes(residual[line], weight[line], *around, scratch, sums)
-        for i in range(5):
-            for column in range(columns):
-                end = pixels if column == columns - 1 else (column + 1) * side
-                out[i, row, column] += sum_of(sums[i, column * side : end])
-
-
-@kernel(
-    "residual (L, P), weight (L, P), light (L, P), across_by (L, P), along_by (L, P), first, last",
-    where="0 <= first, last <= L",
-    fastmath=True,
-    error_model="numpy",
-)
-def take_slopes(residual, weight, light, across_by, along_by, first, last):  # type: ignore[no-untyped-def]
-    """Subtract local displacements from one sensor's residuals, in place, in lines first .. last - 1.
-
-    across_by, along_by: fields (lines, pixels) by which light lies too far right and down [pixels].
-    """
-    lines, pixels = residual.shape
-    for line in range(max(first, 2), min(last, lines - 2)):
-        left, sure, by_x, by_y = residual[line], weight[line], across_by[line], along_by[line]
-        above, here, below = light[line - 1], light[line], light[line + 1]
-        for x in range(2, pixels - 2):
-            across = (here[x + 1] - here[x - 1]) * np.float32(0.5)
-            along = (below[x] - above[x]) * np.float32(0.5)
-            left[x] += (across * by_x[x] + along * by_y[x]) * np.float32(sure[x] > 0)
 
 
 @kernel(

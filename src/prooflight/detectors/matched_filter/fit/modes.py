@@ -19,7 +19,7 @@ from prooflight.detectors.matched_filter.fit.binning import thinned
 from prooflight.kernels.memory import unset
 from prooflight.kernels.prediction.lookup import NODES
 from prooflight.kernels.residuals.fit import InkImages
-from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
+from prooflight.kernels.residuals.moving import CELL, CELL_LINES, STRETCH, find_filled, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.predict import predict_light
@@ -224,6 +224,14 @@ def first_lines(images: NDArray[np.float32], lines: int) -> NDArray[np.float32]:
     return images if images.shape[1] == lines else np.ascontiguousarray(images[:, :lines])
 
 
+def filled_cells(images: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Return which cells of ``CELL`` pixels of ``CELL_LINES`` lines of images (n, lines, pixels) show anything."""
+    channels, lines, pixels = images.shape
+    filled = np.empty((channels, -(-lines // CELL_LINES), -(-pixels // CELL)), np.uint8)
+    find_filled(images, filled)
+    return filled
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class QuantisedImages:
     """Images, each of one sign, in levels of 16 bits: half the memory, and no further off than 1/130,000 of the
@@ -234,6 +242,8 @@ class QuantisedImages:
     """(channels, lines, pixels)"""
     units: NDArray[np.float32]
     """(channels,) value of one level; 0 where an image is blank."""
+    filled: NDArray[np.uint8]
+    """See ``filled_cells``."""
 
     @classmethod
     def of(cls, images: NDArray[np.float32]) -> Self:
@@ -243,7 +253,7 @@ class QuantisedImages:
             low, high = float(image.min()), float(image.max())
             units[n] = (high if high > -low else low) / MOST_LEVELS
             levels[n] = np.rint(image * np.float32(1 / units[n])) if units[n] else 0
-        return cls(levels=levels, units=units)
+        return cls(levels=levels, units=units, filled=filled_cells(levels))
 
     @property
     def values(self) -> NDArray[np.float32]:
@@ -320,15 +330,18 @@ def _moved(
     images: NDArray[np.float32] | QuantisedImages, seen: PixelMap, blank: int, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return moved images, whose blank lines are set to 0 from image ``blank`` on, and ``Modes.shown`` of them."""
-    taken, units = (
-        (images.levels, images.units)
-        if isinstance(images, QuantisedImages)
-        else (images, np.ones(len(images), np.float32))
-    )
+    taken: NDArray[np.generic]
+    if isinstance(images, QuantisedImages):
+        taken, units, filled = images.levels, images.units, images.filled
+    else:
+        taken, units, filled = images, np.ones(len(images), np.float32), filled_cells(images)
     out, which = unset(taken.shape), np.arange(len(taken))
     parts = [which[first::threads] for first in range(threads)]
     of_parts = shared_out(
-        [partial(move_smooth, taken, units, part, seen.across, seen.along, blank, out) for part in parts],
+        [
+            partial(move_smooth, taken, units, filled, part, seen.across, seen.along, blank, out)
+            for part in parts
+        ],
         threads=threads,
     )
     shown = np.empty((len(taken), of_parts[0].shape[1]), bool)

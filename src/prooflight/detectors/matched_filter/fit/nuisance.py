@@ -23,6 +23,7 @@ from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.fit import (
     DOT_AT,
+    EIGHT,
     GAIN_AT,
     LEVELS,
     SHAPE_AT,
@@ -91,7 +92,7 @@ class FitLayout:
         return FitParts(*pieces)
 
 
-BLOCK: Final = 8
+BLOCK: Final = EIGHT
 """Side of the blocks whose means are fitted. [pixels]"""
 COLOURS: Final = SHAPES
 """Maximum number of a page's recipes between which tables are taken to err smoothly."""
@@ -392,7 +393,6 @@ def summed_blocks(scan: PlacedScan, blocks: FitBlocks, threads: int) -> NDArray[
                 inside,
                 bells,
                 corners[first:last],
-                BLOCK,
                 sums[index, first:last],
             )
             for index, sensor in enumerate(scan.sensors)

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.memory import unset
+from prooflight.kernels.residuals.local_moves import slope_sums, take_slopes
 from prooflight.kernels.residuals.residuals import (
     FittedAmounts,
     VarianceShares,
     flat_squares,
     predict_again,
     residuals,
-    slope_sums,
-    take_slopes,
     variances,
 )
 from prooflight.pages.parallel import parts_of, shared_out
@@ -275,7 +274,7 @@ def take_moves(
 ) -> None:
     """Remove displacements by ``local_moves`` from the residuals, in place and to first order."""
     lines, pixels = left.shape[1:]
-    fields = [cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
+    fields = [cv2.resize(one, (pixels, len(one)), interpolation=cv2.INTER_LINEAR) for one in moves]
     stripes = [(index, part) for index in range(len(left)) for part in parts_of(lines, threads)]
     shared_out(
         [partial(take_slopes, left[i], weight[i], light[i], *fields, *part) for i, part in stripes],

@@ -200,13 +200,10 @@ def summed(
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     # Without added inks their images are unused, but need the right shape.
     add = modes.gain if modes.add is None else modes.add
-    own = unset(left.shape)
-    own[:] = left
-    images = ResidualImages(own, weight, light, white, add, modes.gain, of_edges)
+    images = ResidualImages(left, weight, light, white, add, modes.gain, of_edges)
     columns, gains = _column_sums(scan, images, which, prior, threads)
     gains = own_gains(gains, geometry)
-    _take_gains(images, gains, threads)
-    tiles, shifts = _tile_sums(images, side, which, geometry.pixel_pitch_mm, threads)
+    tiles, shifts = _tile_sums(images, gains, side, which, geometry.pixel_pitch_mm, threads)
     cover = _means(modes.cover, side)
     return sums_from(
         tiles,
@@ -241,47 +238,44 @@ def _column_sums(
             own = ResidualImages._make(image[index] for image in images)
             line_sums(own, least, shift, segment, modes, first, last, columns)
 
-    def gained(index: int, first: int, last: int) -> None:
+    def gained(index: int) -> None:
         of_sensor = images.residual[index], images.weight[index], images.light[index]
-        column_gains(*of_sensor, information, first, last, gains[index])
+        column_gains(*of_sensor, information, 0, pixels, gains[index])
 
     tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
-    tasks += [partial(gained, index, *part) for index in range(sensors) for part in parts_of(pixels, threads)]
+    # Not in parts: last bits of columns at their ends would depend on the number of threads.
+    tasks += [partial(gained, index) for index in range(sensors)]
     shared_out(tasks, threads=threads)
     return columns, gains
 
 
-def _take_gains(images: ResidualImages, gains: NDArray[np.float32], threads: int) -> None:
-    """Remove the gains (sensors, pixels) of single columns from the residuals, in place."""
-    sensors, lines, _ = images.residual.shape
-
-    def taken(index: int, first: int, last: int) -> None:
-        of_sensor = images.residual[index], images.weight[index], images.light[index]
-        take_columns(*of_sensor, gains[index], first, last)
-
-    shared_out(
-        [partial(taken, index, *part) for index in range(sensors) for part in parts_of(lines, threads)],
-        threads=threads,
-    )
-
-
 def _tile_sums(
-    images: ResidualImages, side: int, which: NDArray[np.intp], pixel_mm: float, threads: int
+    images: ResidualImages,
+    gains: NDArray[np.float32],
+    side: int,
+    which: NDArray[np.intp],
+    pixel_mm: float,
+    threads: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Return the sums over tiles of ``side`` pixels, as ``sums_from`` takes them, and the shifts of planes.
 
-    The shifts are measured with all modes only, and are 0 otherwise.
+    The gains (sensors, pixels) of single columns are removed from the residuals. The shifts are measured with
+    all modes only, and are 0 otherwise.
     """
     _, lines, pixels = images.residual.shape
     tiles = unset((4, which.size + 1, lines // side, pixels // side))
     shifts = np.zeros((INKS, 4))
 
     def shifted() -> None:
-        shifts[:] = plane_shifts(images.residual, images.weight, images.gain, pixel_mm=pixel_mm)
+        left = images.residual.copy()
+        for index, own in enumerate(gains):
+            take_columns(left[index], images.weight[index], images.light[index], own, 0, lines)
+        shifts[:] = plane_shifts(left, images.weight, images.gain, pixel_mm=pixel_mm)
 
     tasks = [partial(shifted)] if which.size == len(MODES) else []
     tasks += [
-        partial(tile_sums, images, side, which, *part, tiles) for part in parts_of(lines // side, 2 * threads)
+        partial(tile_sums, images, gains, side, which, *part, tiles)
+        for part in parts_of(lines // side, 2 * threads)
     ]
     shared_out(tasks, threads=threads)
     return tiles, shifts

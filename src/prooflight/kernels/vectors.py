@@ -5,12 +5,16 @@ from __future__ import annotations
 from typing import Any, Final
 
 from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
 from numba.core import cgutils
+from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 INT, LONG, FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
 FUSED = ("contract",)
 """Flag by which a product and a sum may be one instruction."""
+LINE_BYTES: Final = 64
+"""Bytes that a processor reads from memory at once."""
 GROUP: Final = 16
 """Usual size of a ``Group``."""
 
@@ -129,3 +133,21 @@ def number_at(builder: Any, array: Any, index: Any) -> Any:
 def vector_at(builder: Any, array: Any, index: Any, count: int) -> Any:
     """Return the address of ``count`` numbers of an array from one on, aligned to numbers alone."""
     return builder.bitcast(number_at(builder, array, index), ir.VectorType(FLOAT, count).as_pointer())
+
+
+@intrinsic
+def fetch(context, array, first, last):  # type: ignore[no-untyped-def]
+    """Fetch an array's numbers first .. last - 1, counted from its start, into the cache, without waiting for them."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = make_array(signature.args[0])(context, builder, args[0]).data
+        whole, byte = ir.IntType(32), ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, whole, whole, whole])
+        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        step = ir.Constant(LONG, LINE_BYTES // (signature.args[0].dtype.bitwidth // 8))
+        with cgutils.for_range_slice(builder, args[1], args[2], step) as (at, _):
+            place = builder.bitcast(number_at(builder, data, at), byte)
+            builder.call(prefetch, [place, whole(0), whole(3), whole(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, types.int64), generate

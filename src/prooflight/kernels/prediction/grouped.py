@@ -19,8 +19,10 @@ from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.lines import same_row
 from prooflight.kernels.prediction.lookup import lookup_light
 from prooflight.kernels.prediction.summing import GROUP
-from prooflight.kernels.vectors import INT, number_at
+from prooflight.kernels.vectors import INT, fetch, number_at
 
+AHEAD = 3
+"""Rows ahead of the composed one, of the plane that lies highest, that are fetched from memory."""
 ALL_FLAT = np.uint64(0x0101010101010101)
 """Eight groups that are flat."""
 
@@ -127,11 +129,12 @@ def look_up_groups(packed, flat, planes, tables, backings, starts, values):  # t
     places = np.empty(4, np.int64)
     low, high = max(0, planes[:, 0].max()), min(columns, columns + planes[:, 0].min()) - GROUP
     top, bottom = max(0, planes[:, 1].max()), min(rows, rows + planes[:, 1].min())
-    at = GROUP
+    least, at = planes[:, 1].min(), GROUP
     for row in range(rows):
         here, above = row % 2 * width, (1 - row % 2) * width
         for ink in range(4):
             places[ink] = (row - planes[ink, 1]) * columns - planes[ink, 0]
+        ahead = min(row - least + AHEAD, rows - 1) * columns
         flats, before = flat[row], flat[max(row - 1, 0)]
         flat_eights, eights_before = flats[: 8 * eights].view(np.uint64), before[: 8 * eights].view(np.uint64)
         begins, last_begins = starts[row], starts[max(row - 1, 0)]
@@ -157,6 +160,7 @@ def look_up_groups(packed, flat, planes, tables, backings, starts, values):  # t
                     for i in range(GROUP):
                         pixels[count + i] = packed[row, column]
                 elif top <= row < bottom and low <= column <= high:
+                    fetch(of_columns, ahead + column, ahead + column + GROUP)
                     is_new = compose_group(
                         of_columns,
                         places[0] + column,

@@ -10,7 +10,8 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_fewest, sum_many
 from prooflight.kernels.registration.field import backward, cholesky, forward
-from prooflight.kernels.registration.rendering import EIGHT, FOUR, fetch, sum_eight
+from prooflight.kernels.registration.rendering import EIGHT, FOUR, sum_eight
+from prooflight.kernels.vectors import fetch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -18,8 +18,6 @@ from numba.np.arrayobj import make_array
 from prooflight.kernels.vectors import FLOAT, FUSED, LONG, filled, number_at, vector_at
 
 EIGHT, FOUR = 8, 4
-LINE_BYTES = 64
-"""Bytes that a processor reads from memory at once."""
 _PIXELS = ir.VectorType(FLOAT, EIGHT)
 
 
@@ -72,21 +70,3 @@ def sum_eight(  # type: ignore[no-untyped-def]
     whole = types.int64
     kinds = (values, tilts, whole, whole, weights, slopes, whole, whole, out, by_x, by_y, whole, whole)
     return types.void(*kinds), generate
-
-
-@intrinsic
-def fetch(context, array, first, last):  # type: ignore[no-untyped-def]
-    """Fetch an array's numbers first .. last - 1, counted from its start, into the cache, without waiting for them."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        data = make_array(signature.args[0])(context, builder, args[0]).data
-        whole, byte = ir.IntType(32), ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [byte, whole, whole, whole])
-        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        step = ir.Constant(LONG, LINE_BYTES // (signature.args[0].dtype.bitwidth // 8))
-        with cgutils.for_range_slice(builder, args[1], args[2], step) as (at, _):
-            place = builder.bitcast(number_at(builder, data, at), byte)
-            builder.call(prefetch, [place, whole(0), whole(3), whole(1)])
-        return context.get_dummy_value()
-
-    return types.void(array, types.int64, types.int64), generate

@@ -253,19 +253,21 @@ def test_fringes_followed_leave_less(two_sensor_press: Press) -> None:
 
 
 @pytest.mark.parametrize("rips_itself", [False, True], ids=["our raster", "its own RIP"])
-def test_rows_that_repeat_in_the_design_save_work_and_change_nothing(
+def test_groups_that_are_flat_in_the_design_save_work_and_change_nothing(
     two_sensor_press: Press, rips_itself: bool
 ) -> None:
-    """Planes lie off by whole raster pixels, or by parts of one, so that a row may differ where the design repeats."""
+    """Planes lie off by whole raster pixels, or by parts of one: a group may differ where the design does not."""
     press, page = two_sensor_press, set_in(FOUR_INKS)
     placement = draw_placement(Amounts.stated().page, page, np.random.default_rng(5))
     scan = scan_of(displaced(page, np.array(INK_STEPS["all"])), press, placement)
     expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
     how = {"sensors": press.sensors, "geometry": press.geometry, "fringes": True}
     prepared = prepare_page(page, expected, own_light=press.ink_light if rips_itself else None, **how)
-    assert prepared.repeats.any()
-    with_repeats, without = (
-        analyse(one, scan) for one in (prepared, replace(prepared, repeats=np.zeros_like(prepared.repeats)))
+    flat = prepared.flat
+    assert flat.flat.any()
+    with_flat, without = (
+        analyse(one, scan)
+        for one in (prepared, replace(prepared, flat=replace(flat, flat=np.zeros_like(flat.flat))))
     )
-    np.testing.assert_array_equal(with_repeats.sums.tiles, without.sums.tiles)
-    np.testing.assert_array_equal(with_repeats.marks.greatest, without.marks.greatest)
+    np.testing.assert_array_equal(with_flat.sums.tiles, without.sums.tiles)
+    np.testing.assert_array_equal(with_flat.marks.greatest, without.marks.greatest)

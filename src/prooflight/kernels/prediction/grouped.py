@@ -16,7 +16,6 @@ from numba.np.arrayobj import make_array
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.planes import compose_pixels
 from prooflight.kernels.prediction.filtering import copy_row
-from prooflight.kernels.prediction.lines import same_row
 from prooflight.kernels.prediction.lookup import lookup_light
 from prooflight.kernels.prediction.summing import GROUP
 from prooflight.kernels.vectors import INT, fetch, number_at
@@ -97,13 +96,28 @@ def compose_group(context, packed, cyan, magenta, yellow, black, composed, above
 
 
 @inner_kernel()
+def fill_group(row, at, recipe):  # type: ignore[no-untyped-def]
+    """Set a group of a row from ``at`` on to one recipe."""
+    for i in range(at, at + GROUP):
+        row[i] = recipe
+
+
+@inner_kernel()
+def differing_groups(row, one, other):  # type: ignore[no-untyped-def]
+    """Return whether two groups of a row differ that begin at ``one`` and ``other``."""
+    differs = np.uint32(0)
+    for i in range(GROUP):
+        differs |= row[one + i] ^ row[other + i]
+    return differs != 0
+
+
+@inner_kernel()
 def compose_border(packed, row, planes, composed, above, here, column, pixels, at):  # type: ignore[no-untyped-def]
     """Run ``compose_group`` on a group from ``column`` on of which some planes lack pixels."""
-    own = composed[here + column : here + column + GROUP]
     stop = min(column + GROUP, packed.shape[1])
     compose_pixels(packed, row, planes, composed[here : here + stop], column, stop)
-    copy_row(own, pixels[at : at + GROUP])
-    return not same_row(own, composed[above + column : above + column + GROUP])
+    copy_row(composed[here + column : here + column + GROUP], pixels[at : at + GROUP])
+    return differing_groups(composed, above + column, here + column)
 
 
 @kernel(
@@ -152,34 +166,37 @@ def look_up_groups(packed, flat, planes, tables, backings, starts, values):  # t
             was_flat = group < whole and before[group]
             if is_flat and was_flat and not is_first:
                 begins[group] = last_begins[group]
+                group += 1
+                continue
+            if was_flat:
+                fill_group(composed, above + column, packed[max(row - 1, 0), column])
+            if is_flat:
+                fill_group(composed, here + column, packed[row, column])
+                fill_group(pixels, count, packed[row, column])
+                is_new = differing_groups(composed, above + column, here + column)
+            elif top <= row < bottom and low <= column <= high:
+                fetch(of_columns, ahead + column, ahead + column + GROUP)
+                is_new = compose_group(
+                    of_columns,
+                    places[0] + column,
+                    places[1] + column,
+                    places[2] + column,
+                    places[3] + column,
+                    composed,
+                    above + column,
+                    here + column,
+                    pixels,
+                    count,
+                )
+            else:
+                is_new = compose_border(packed, row, planes, composed, above, here, column, pixels, count)
+            if not (is_new or is_first):
+                begins[group] = last_begins[group]
             elif is_flat and group > 0 and flats[group - 1]:
                 begins[group] = begins[group - 1]
             else:
-                is_new = True
-                if is_flat:
-                    for i in range(GROUP):
-                        pixels[count + i] = packed[row, column]
-                elif top <= row < bottom and low <= column <= high:
-                    fetch(of_columns, ahead + column, ahead + column + GROUP)
-                    is_new = compose_group(
-                        of_columns,
-                        places[0] + column,
-                        places[1] + column,
-                        places[2] + column,
-                        places[3] + column,
-                        composed,
-                        above + column,
-                        here + column,
-                        pixels,
-                        count,
-                    )
-                else:
-                    is_new = compose_border(packed, row, planes, composed, above, here, column, pixels, count)
-                if is_new or is_first or was_flat:
-                    begins[group] = at + count
-                    count += GROUP
-                else:
-                    begins[group] = last_begins[group]
+                begins[group] = at + count
+                count += GROUP
             group += 1
         if count:
             for n in range(len(tables)):

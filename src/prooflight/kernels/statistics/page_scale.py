@@ -101,7 +101,7 @@ def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no
 
 
 class Tally(NamedTuple):
-    """Values of T of one map, row after row."""
+    """Values of T of the maps of several modes, row after row."""
 
     t: NDArray[np.float32]
     """(w,) T of a row; this and the next three are working space."""
@@ -109,32 +109,35 @@ class Tally(NamedTuple):
     kinds: NDArray[np.int32]
     bins: NDArray[np.int32]
     histogram: NDArray[np.uint32]
-    """(classes, BINS) number of |T| by class and size; here and below, the last class is ``NO_CLASS``."""
+    """(modes, classes, BINS) number of |T| by class and size; here and below, the last class is ``NO_CLASS``."""
     bounds: NDArray[np.float32]
-    """(classes,) |T| up to which a class has no new extreme."""
+    """(modes, classes) |T| up to which a class has no new extreme."""
     ends: NDArray[np.float32]
-    """(classes, 2) greatest and least T."""
+    """(modes, classes, 2) greatest and least T."""
     at: NDArray[np.int64]
-    """(classes, 2, 2) row and column of these."""
+    """(modes, classes, 2, 2) row and column of these."""
 
 
 @inner_kernel()
-def empty_tally(width):  # type: ignore[no-untyped-def]
+def empty_tally(modes, width):  # type: ignore[no-untyped-def]
     """Return a ``Tally`` of no rows."""
     t, shifted = np.empty(width, np.float32), np.empty(width, np.float32)
     kinds, bins = np.empty(width, np.int32), np.empty(width, np.int32)
-    histogram = np.zeros((CLASSES + 1, BINS), np.uint32)
-    bounds, ends = np.zeros(CLASSES + 1, np.float32), np.zeros((CLASSES + 1, 2), np.float32)
-    return Tally(t, shifted, kinds, bins, histogram, bounds, ends, np.zeros((CLASSES + 1, 2, 2), np.int64))
+    histogram = np.zeros((modes, CLASSES + 1, BINS), np.uint32)
+    bounds, ends = np.zeros((modes, CLASSES + 1), np.float32), np.zeros((modes, CLASSES + 1, 2), np.float32)
+    return Tally(
+        t, shifted, kinds, bins, histogram, bounds, ends, np.zeros((modes, CLASSES + 1, 2, 2), np.int64)
+    )
 
 
 @inner_kernel()
-def add_row(own, power, edges, scatter, least, most, y, tally):  # type: ignore[no-untyped-def]
-    """Add row y of a map to a ``Tally``; return the sum of T^2, each at most 100.
+def add_row(own, power, edges, scatter, least, most, y, mode, tally):  # type: ignore[no-untyped-def]
+    """Add row y of a mode's map to a ``Tally``; return the sum of T^2, each at most 100.
 
     own, power, edges (w,): N', D' and the edges' part of it; scatter (3,); most: greatest D' of the map.
     """
-    t, shifted, kinds, bins, histogram, bounds, ends, at = tally
+    t, shifted, kinds, bins = tally.t, tally.shifted, tally.kinds, tally.bins
+    histogram, bounds, ends, at = tally.histogram[mode], tally.bounds[mode], tally.ends[mode], tally.at[mode]
     squares = row_of_t(own, power, edges, scatter[0], scatter[1], scatter[2], least, t)
     row_of_classes(power, edges, most, least, kinds)
     row_of_bins(t, shifted, bins)
@@ -143,7 +146,7 @@ def add_row(own, power, edges, scatter, least, most, y, tally):  # type: ignore[
 
 
 @inner_kernel()
-def extremes_of_tally(tally, squares, overlap, values, places):  # type: ignore[no-untyped-def]
+def extremes_of_tally(tally, mode, squares, overlap, values, places):  # type: ignore[no-untyped-def]
     """Write the extremes of T, and of T over the scatter of T at places of the same class on the same page.
 
     squares: sum of T^2; overlap: number of places that count as one. Written: values (5,): greatest and least T, the
@@ -151,7 +154,7 @@ def extremes_of_tally(tally, squares, overlap, values, places):  # type: ignore[
     """
     values[:] = 0
     places[:] = 0
-    histogram, ends, at = tally.histogram[:CLASSES], tally.ends, tally.at
+    histogram, ends, at = tally.histogram[mode, :CLASSES], tally.ends[mode], tally.at[mode]
     total = histogram.sum()
     if total == 0:
         return
@@ -179,47 +182,41 @@ def each_against_own(maps, scatter, least, overlap, values, places):  # type: ig
 
     maps (3, modes, h, w): N', D' and the edges' part of it; scatter (modes, 3).
     """
+    tally = empty_tally(maps.shape[1], maps.shape[3])
     for mode in range(maps.shape[1]):
-        own, power, edges = maps[0, mode], maps[1, mode], maps[2, mode]
-        tally, squares = empty_tally(own.shape[1]), 0.0
+        own, power, edges, squares = maps[0, mode], maps[1, mode], maps[2, mode], 0.0
         most = greatest_of(power.ravel())
         for y in range(own.shape[0] if most > least else 0):
-            squares += add_row(own[y], power[y], edges[y], scatter[mode], least, most, y, tally)
-        extremes_of_tally(tally, squares, overlap, values[mode], places[mode])
+            squares += add_row(own[y], power[y], edges[y], scatter[mode], least, most, y, mode, tally)
+        extremes_of_tally(tally, mode, squares, overlap, values[mode], places[mode])
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def push_row(cells, mode, y, gains, level, taken, out):  # type: ignore[no-untyped-def]
-    """Compute N of row y of a mode's boxes, out (w,), less shares of C, which is computed into taken (w,)."""
-    box_row(cells[0, mode], y, out)
-    box_row(cells[2, mode], y, taken)
+def box_rows(cells, mode, y, gains, level, out):  # type: ignore[no-untyped-def]
+    """Compute N, D, C and the edges' part of D of row y of a mode's boxes, out (4, w); N less shares of C."""
+    for part in range(4):
+        box_row(cells[part, mode], y, out[part])
     below = gains[y + 1] if y + 1 < gains.size else np.float32(0)
     if gains[y] != 0 or below != 0:
-        take_box_row(cells[2, mode], y, gains[y], below, out)
-    share = level[y]
-    for x in range(out.size):
-        out[x] -= taken[x] * share[x]
+        take_box_row(cells[2, mode], y, gains[y], below, out[0])
+    push, shared, share = out[0], out[2], level[y]
+    for x in range(push.size):
+        push[x] -= shared[x] * share[x]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def rest_row(cells, mode, y, prior, shared, power, power0, out):  # type: ignore[no-untyped-def]
-    """Compute D and D' of row y of a mode's boxes, power and out (w,), from C (w,) of it; power0 (w,): D of light."""
-    box_row(cells[1, mode], y, power)
-    box_row(cells[1, 0], y, power0)
+def rest_row(power, shared, power0, prior, out):  # type: ignore[no-untyped-def]
+    """Compute D' of a row of boxes, out (w,), from D and C of it and D of light."""
     for x in range(out.size):
         out[x] = max(power[x] - shared[x] * (shared[x] / (power0[x] + prior)), np.float32(0))
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def take_common(push0, shared, power0, prior, push):  # type: ignore[no-untyped-def]
-    """Subtract what light as a whole explains from N of a row of boxes (w,), in place."""
+def take_common(light, prior, rest, row):  # type: ignore[no-untyped-def]
+    """Reduce N and the edges' part of D of a row of boxes, row (4, w), by what light (4, w) explains; rest (w,): D'."""
+    push, power, shared, edges, push0, power0 = row[0], row[1], row[2], row[3], light[0], light[1]
     for x in range(push.size):
         push[x] -= shared[x] / (power0[x] + prior) * push0[x]
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def remaining_edges(power, rest, edges):  # type: ignore[no-untyped-def]
-    """Reduce the edges' part of D of a row (w,) as D is reduced to D', in place."""
     for x in range(edges.size):
         edges[x] *= min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
 
@@ -227,22 +224,25 @@ def remaining_edges(power, rest, edges):  # type: ignore[no-untyped-def]
 @inner_kernel()
 def most_information(cells, mode, prior, rows):  # type: ignore[no-untyped-def]
     """Return the greatest D' of a mode's boxes; rows (at least 4, w): working space."""
-    most = np.float32(0)
+    most, power, shared, power0, rest = np.float32(0), rows[0], rows[1], rows[2], rows[3]
     for y in range(cells.shape[2]):
-        box_row(cells[1, mode], y, rows[0])
-        if greatest_of(rows[0]) <= most:  # D' is no greater than D
+        box_row(cells[1, mode], y, power)
+        greatest = greatest_of(power)
+        if greatest <= most:  # D' is no greater than D
             continue
         if mode:
-            box_row(cells[2, mode], y, rows[1])
-            rest_row(cells, mode, y, prior, rows[1], rows[0], rows[2], rows[3])
-        most = max(most, greatest_of(rows[3 if mode else 0]))
+            box_row(cells[2, mode], y, shared)
+            box_row(cells[1, 0], y, power0)
+            rest_row(power, shared, power0, prior, rest)
+            greatest = greatest_of(rest)
+        most = max(most, greatest)
     return most
 
 
 @kernel(
     "cells (4, N, H, W), gains (H), level (H, W), prior_power, scatter (M, 3), least, overlap, "
     "values (M, 5), places (M, 4, 2)",
-    where="M <= N",
+    where="0 < M, M <= N",
 )
 def boxes_against_own(cells, gains, level, prior_power, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """Find the extremes of T over all boxes, of each mode, as ``each_against_own`` does; the first is common to all.
@@ -250,30 +250,24 @@ def boxes_against_own(cells, gains, level, prior_power, scatter, least, overlap,
     cells (4, modes or more, h, w): N, D, C, edges; gains (h,): share of C subtracted from N of each row of cells;
     level (h, w): the same of each box; prior_power: 1 / the common mode's prior variance.
     """
-    rows = np.empty((7, cells.shape[3]), np.float32)
-    # Each by itself: rows of an unpacked array would not be contiguous, as loops in vectors need them.
-    push, shared, power, rest, edges, push0, power0 = (
-        rows[0],
-        rows[1],
-        rows[2],
-        rows[3],
-        rows[4],
-        rows[5],
-        rows[6],
+    modes, height, width = scatter.shape[0], cells.shape[2], cells.shape[3]
+    light, row, rest = (
+        np.empty((4, width), np.float32),
+        np.empty((4, width), np.float32),
+        np.empty(width, np.float32),
     )
-    for mode in range(scatter.shape[0]):
-        tally, squares = empty_tally(cells.shape[3]), 0.0
-        most = most_information(cells, mode, prior_power, rows)
-        for y in range(cells.shape[2] if most > least else 0):
-            if mode:
-                push_row(cells, 0, y, gains, level, shared, push0)
-            push_row(cells, mode, y, gains, level, shared, push)
-            box_row(cells[3, mode], y, edges)
-            if mode:
-                rest_row(cells, mode, y, prior_power, shared, power, power0, rest)
-                take_common(push0, shared, power0, prior_power, push)
-                remaining_edges(power, rest, edges)
-            else:
-                box_row(cells[1, mode], y, rest)
-            squares += add_row(push, rest, edges, scatter[mode], least, most, y, tally)
-        extremes_of_tally(tally, squares, overlap, values[mode], places[mode])
+    tally, squares, most = empty_tally(modes, width), np.zeros(modes), np.empty(modes, np.float32)
+    for mode in range(modes):
+        most[mode] = most_information(cells, mode, prior_power, row)
+    for y in range(height):
+        box_rows(cells, 0, y, gains, level, light)
+        squares[0] += add_row(light[0], light[1], light[3], scatter[0], least, most[0], y, 0, tally)
+        for mode in range(1, modes):
+            if most[mode] <= least:
+                continue
+            box_rows(cells, mode, y, gains, level, row)
+            rest_row(row[1], row[2], light[1], prior_power, rest)
+            take_common(light, prior_power, rest, row)
+            squares[mode] += add_row(row[0], rest, row[3], scatter[mode], least, most[mode], y, mode, tally)
+    for mode in range(modes):
+        extremes_of_tally(tally, mode, squares[mode], overlap, values[mode], places[mode])

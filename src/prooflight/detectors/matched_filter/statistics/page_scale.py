@@ -155,13 +155,12 @@ def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
 
     It is 1 if fewer than ``least`` values are nonzero; a value of 0 has no information.
     """
-    size = np.abs(t).ravel()
-    count = np.count_nonzero(size)
-    if count < least:
+    nonzero = np.abs(t[t != 0])
+    if nonzero.size < least:
         return 1.0
-    below, part = divmod(size.size - count + ONE_SIGMA * (count - 1), 1)
-    size.partition(int(below))  # the zeros are the smallest
-    low, high = float(size[int(below)]), float(size[int(below) + 1 :].min())
+    below, part = divmod(ONE_SIGMA * (nonzero.size - 1), 1)
+    nonzero.partition(int(below))
+    low, high = float(nonzero[int(below)]), float(nonzero[int(below) + 1 :].min())
     return max(low + part * (high - low), LEAST_SCALE)
 
 

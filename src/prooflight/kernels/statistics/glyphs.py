@@ -94,7 +94,7 @@ def nuisances_of(above, here, below, at, basis):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def weigh_row(left, weight, contrast, push, power, energy):  # type: ignore[no-untyped-def]
+def add_evidence(left, weight, contrast, push, power, energy):  # type: ignore[no-untyped-def]
     """Add a row's c r / V, c^2 / V and r^2 / V of one sensor, (n,) each."""
     for x in range(push.size):
         weighted = weight[x] * left[x]
@@ -114,7 +114,7 @@ def product_sum(one, other):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def normal_equations(basis, push, power, weighted, whole, right):  # type: ignore[no-untyped-def]
-    """Add a glyph's normal equations to the lower half of whole (n, n) and to right (n,); basis (n, pixels)."""
+    """Add a glyph's products to the lower half of whole (n, n), and write right (n,); basis (n, pixels)."""
     for i in range(basis.shape[0]):
         one = basis[i]
         for x in range(one.size):
@@ -193,7 +193,7 @@ def glyph_energies(  # type: ignore[no-untyped-def]
         for s in range(left.shape[0]):
             for line in range(first_line, past_line):  # first all of them, so that memory is read ahead
                 here = slice((line - first_line) * wide, (line - first_line + 1) * wide)
-                weigh_row(
+                add_evidence(
                     left[s, line, first_pixel:past_pixel],
                     weight[s, line, first_pixel:past_pixel],
                     placed.contrast[n, s],

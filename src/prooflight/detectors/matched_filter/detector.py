@@ -415,10 +415,13 @@ class MatchedFilterPage:
         sums, light = analysis.sums, MODES.index("light")
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         rows, columns = middle_tiles(sums.tiles.shape[-2:], side, area, block=BLOCK_PIXELS)
-        maps = sums.tiles[[0, 1, 3], light]
-        # A box of 1 mm is the tile in the middle of a block, and the one before it, each way.
-        maps = maps.take(rows, axis=1) + maps.take(np.maximum(rows - 1, 0), axis=1)
-        push, power, edges = maps.take(columns, axis=2) + maps.take(np.maximum(columns - 1, 0), axis=2)
+
+        def of_boxes(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
+            # A box of 1 mm is the tile in the middle of a block, and the one before it, each way.
+            down = tiles.take(rows, axis=0) + tiles.take(np.maximum(rows - 1, 0), axis=0)
+            return np.asarray(down.take(columns, axis=1) + down.take(np.maximum(columns - 1, 0), axis=1))
+
+        push, power, edges = (of_boxes(sums.tiles[part, light]) for part in (0, 1, 3))
         scatter = self.detector.calibrated.model.scatter.boxes[light, 0]
         return np.asarray(t_statistic(push, power, edges, scatter), np.float32)[None]
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of
@@ -22,7 +25,6 @@ PAGE_PRIOR = 10.0
 """Weight of 1 in the page's scatter, in independent places."""
 LEAST_SCALE = 0.5
 _MOST_SQUARE = np.float32(100)
-_NOTHING_COMMON = np.float32(1e30)
 _EIGHTHS = tuple(int(np.float32(2 ** (j / 8)).view(np.int32)) & 0x7FFFFF for j in range(1, 8))
 """Mantissas at which eighths of an octave begin."""
 
@@ -86,12 +88,10 @@ def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
 def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no-untyped-def]
     """Count a row of T (w,) by class and size, and store each class's greatest and least with their places.
 
-    bounds (classes,): |T| up to which a class has no new extreme. Places without information are not counted.
+    Places without information have a class too, so that no branch depends on it.
     """
     for x in range(t.size):
         kind = np.uint32(kinds[x])  # unsigned, so that no negative index is tested for
-        if kind == NO_CLASS:
-            continue
         histogram[kind, np.uint32(bins[x])] += np.uint32(1)
         if abs(t[x]) > bounds[kind]:
             end = np.uint32(t[x] < 0)
@@ -100,32 +100,64 @@ def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no
                 bounds[kind] = min(ends[kind, 0], -ends[kind, 1])
 
 
-@inner_kernel()
-def against_own(own, power, edges, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
-    """Find extremes of T, and of T over the scatter of T at places of the same class on the same page.
+class Tally(NamedTuple):
+    """Values of T of the maps of several modes, row after row."""
 
-    own, power, edges (h, w): N', D' and the edges' part of it; scatter (3,); overlap: number of places that
-    count as one. Written: values (5,): greatest and least T, the same over that scatter, mean of T^2, each at
-    most 100; 0 without information; places (4, 2): row and column of the extremes.
-    """
-    height, width = own.shape
-    values[:] = 0
-    places[:] = 0
-    most = greatest_of(power.ravel())
-    if most <= least:
-        return
+    t: NDArray[np.float32]
+    """(w,) T of a row; this and the next three are working space."""
+    shifted: NDArray[np.float32]
+    kinds: NDArray[np.int32]
+    bins: NDArray[np.int32]
+    histogram: NDArray[np.uint32]
+    """(modes, classes, BINS) number of |T| by class and size; here and below, the last class is ``NO_CLASS``."""
+    bounds: NDArray[np.float32]
+    """(modes, classes) |T| up to which a class has no new extreme."""
+    ends: NDArray[np.float32]
+    """(modes, classes, 2) greatest and least T."""
+    at: NDArray[np.int64]
+    """(modes, classes, 2, 2) row and column of these."""
+
+
+@inner_kernel()
+def empty_tally(modes, width):  # type: ignore[no-untyped-def]
+    """Return a ``Tally`` of no rows."""
     t, shifted = np.empty(width, np.float32), np.empty(width, np.float32)
     kinds, bins = np.empty(width, np.int32), np.empty(width, np.int32)
-    histogram = np.zeros((CLASSES, BINS), np.uint32)
-    bounds, ends = np.zeros(CLASSES, np.float32), np.zeros((CLASSES, 2), np.float32)
-    at = np.zeros((CLASSES, 2, 2), np.int64)
-    squares = 0.0
-    for y in range(height):
-        squares += row_of_t(own[y], power[y], edges[y], scatter[0], scatter[1], scatter[2], least, t)
-        row_of_classes(power[y], edges[y], most, least, kinds)
-        row_of_bins(t, shifted, bins)
-        sort_row(t, kinds, bins, y, histogram, bounds, ends, at)
+    histogram = np.zeros((modes, CLASSES + 1, BINS), np.uint32)
+    bounds, ends = np.zeros((modes, CLASSES + 1), np.float32), np.zeros((modes, CLASSES + 1, 2), np.float32)
+    return Tally(
+        t, shifted, kinds, bins, histogram, bounds, ends, np.zeros((modes, CLASSES + 1, 2, 2), np.int64)
+    )
+
+
+@inner_kernel()
+def add_row(own, power, edges, scatter, least, most, y, mode, tally):  # type: ignore[no-untyped-def]
+    """Add row y of a mode's map to a ``Tally``; return the sum of T^2, each at most 100.
+
+    own, power, edges (w,): N', D' and the edges' part of it; scatter (3,); most: greatest D' of the map.
+    """
+    t, shifted, kinds, bins = tally.t, tally.shifted, tally.kinds, tally.bins
+    histogram, bounds, ends, at = tally.histogram[mode], tally.bounds[mode], tally.ends[mode], tally.at[mode]
+    squares = row_of_t(own, power, edges, scatter[0], scatter[1], scatter[2], least, t)
+    row_of_classes(power, edges, most, least, kinds)
+    row_of_bins(t, shifted, bins)
+    sort_row(t, kinds, bins, y, histogram, bounds, ends, at)
+    return squares
+
+
+@inner_kernel()
+def extremes_of_tally(tally, mode, squares, overlap, values, places):  # type: ignore[no-untyped-def]
+    """Write the extremes of T, and of T over the scatter of T at places of the same class on the same page.
+
+    squares: sum of T^2; overlap: number of places that count as one. Written: values (5,): greatest and least T, the
+    same over that scatter, mean of T^2; 0 without information; places (4, 2): row and column of the extremes.
+    """
+    values[:] = 0
+    places[:] = 0
+    histogram, ends, at = tally.histogram[mode, :CLASSES], tally.ends[mode], tally.at[mode]
     total = histogram.sum()
+    if total == 0:
+        return
     values[4] = squares / total
     n = total / overlap
     of_page = (n * quantile_of(histogram.sum(axis=0), total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
@@ -146,77 +178,96 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
 
 @kernel("maps (3, M, H, W), scatter (M, 3), least, overlap, values (M, 5), places (M, 4, 2)")
 def each_against_own(maps, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
-    """Run ``against_own`` on every mode: maps (3, modes, h, w), scatter (modes, 3); written (modes, ...)."""
+    """Find the extremes of T of every mode, as ``extremes_of_tally`` writes them: values and places (modes, ...).
+
+    maps (3, modes, h, w): N', D' and the edges' part of it; scatter (modes, 3).
+    """
+    tally = empty_tally(maps.shape[1], maps.shape[3])
     for mode in range(maps.shape[1]):
-        against_own(
-            maps[0, mode],
-            maps[1, mode],
-            maps[2, mode],
-            scatter[mode],
-            least,
-            overlap,
-            values[mode],
-            places[mode],
-        )
+        own, power, edges, squares = maps[0, mode], maps[1, mode], maps[2, mode], 0.0
+        most = greatest_of(power.ravel())
+        for y in range(own.shape[0] if most > least else 0):
+            squares += add_row(own[y], power[y], edges[y], scatter[mode], least, most, y, mode, tally)
+        extremes_of_tally(tally, mode, squares, overlap, values[mode], places[mode])
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def box_map(cells, mode, gains, level, prior, common, out):  # type: ignore[no-untyped-def]
-    """Compute N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), without the common mode.
+def box_rows(cells, mode, y, gains, level, out):  # type: ignore[no-untyped-def]
+    """Compute N, D, C and the edges' part of D of row y of a mode's boxes, out (4, w); N less shares of C."""
+    for part in range(4):
+        box_row(cells[part, mode], y, out[part])
+    below = gains[y + 1] if y + 1 < gains.size else np.float32(0)
+    if gains[y] != 0 or below != 0:
+        take_box_row(cells[2, mode], y, gains[y], below, out[0])
+    push, shared, share = out[0], out[2], level[y]
+    for x in range(push.size):
+        push[x] -= shared[x] * share[x]
 
-    cells (4, modes, h, w): N, D, C, edges; gains (h,): share of C subtracted from N of each row of cells;
-    level (h, w): the same of each box; common (2, h, w): N and D of the common mode's boxes, prior: 1 / its
-    prior variance.
-    """
-    height, width = out.shape[1:]
-    rows = np.empty((4, width), np.float32)
-    for y in range(height):
-        for part in range(4):
-            box_row(cells[part, mode], y, rows[part])
-        below = gains[y + 1] if y + 1 < height else np.float32(0)
-        if gains[y] != 0 or below != 0:
-            take_box_row(cells[2, mode], y, gains[y], below, rows[0])
-        push, power, shared, edges = rows[0], rows[1], rows[2], rows[3]
-        share, push0, power0 = level[y], common[0, y], common[1, y]
-        own, rest, of_edges = out[0, y], out[1, y], out[2, y]
-        for x in range(width):
-            part_common = shared[x] / (power0[x] + prior)
-            own[x] = push[x] - shared[x] * share[x] - part_common * push0[x]
-        for x in range(width):
-            part_common = shared[x] / (power0[x] + prior)
-            rest[x] = max(power[x] - shared[x] * part_common, np.float32(0))
-        for x in range(width):
-            of_edges[x] = edges[x] * min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def rest_row(power, shared, power0, prior, out):  # type: ignore[no-untyped-def]
+    """Compute D' of a row of boxes, out (w,), from D and C of it and D of light."""
+    for x in range(out.size):
+        out[x] = max(power[x] - shared[x] * (shared[x] / (power0[x] + prior)), np.float32(0))
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def take_common(light, prior, rest, row):  # type: ignore[no-untyped-def]
+    """Reduce N and the edges' part of D of a row of boxes, row (4, w), by what light (4, w) explains; rest (w,): D'."""
+    push, power, shared, edges, push0, power0 = row[0], row[1], row[2], row[3], light[0], light[1]
+    for x in range(push.size):
+        push[x] -= shared[x] / (power0[x] + prior) * push0[x]
+    for x in range(edges.size):
+        edges[x] *= min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
 
 
 @inner_kernel()
-def has_information(power):  # type: ignore[no-untyped-def]
-    """Return whether any place of a map has information; usually the first rows decide."""
-    y = 0
-    while y < power.shape[0] and greatest_of(power[y]) <= 0:
-        y += 1
-    return y < power.shape[0]
+def most_information(cells, mode, prior, rows):  # type: ignore[no-untyped-def]
+    """Return the greatest D' of a mode's boxes; rows (at least 4, w): working space."""
+    most, power, shared, power0, rest = np.float32(0), rows[0], rows[1], rows[2], rows[3]
+    for y in range(cells.shape[2]):
+        box_row(cells[1, mode], y, power)
+        greatest = greatest_of(power)
+        if greatest <= most:  # D' is no greater than D
+            continue
+        if mode:
+            box_row(cells[2, mode], y, shared)
+            box_row(cells[1, 0], y, power0)
+            rest_row(power, shared, power0, prior, rest)
+            greatest = greatest_of(rest)
+        most = max(most, greatest)
+    return most
 
 
 @kernel(
     "cells (4, N, H, W), gains (H), level (H, W), prior_power, scatter (M, 3), least, overlap, "
     "values (M, 5), places (M, 4, 2)",
-    where="M <= N",
+    where="0 < M, M <= N",
 )
 def boxes_against_own(cells, gains, level, prior_power, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
-    """Run ``against_own`` on all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
+    """Find the extremes of T over all boxes, of each mode, as ``each_against_own`` does; the first is common to all.
 
-    Other arguments as in ``box_map`` and ``each_against_own``.
+    cells (4, modes or more, h, w): N, D, C, edges; gains (h,): share of C subtracted from N of each row of cells;
+    level (h, w): the same of each box; prior_power: 1 / the common mode's prior variance.
     """
     modes, height, width = scatter.shape[0], cells.shape[2], cells.shape[3]
-    nothing = np.zeros((2, height, width), np.float32)
-    of_all, maps = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
+    light, row, rest = (
+        np.empty((4, width), np.float32),
+        np.empty((4, width), np.float32),
+        np.empty(width, np.float32),
+    )
+    tally, squares, most = empty_tally(modes, width), np.zeros(modes), np.empty(modes, np.float32)
     for mode in range(modes):
-        if not has_information(cells[1, mode]):
-            values[mode] = 0
-            places[mode] = 0
-            continue
-        one = maps if mode else of_all
-        prior, light = (prior_power, of_all) if mode else (_NOTHING_COMMON, nothing)
-        box_map(cells, mode, gains, level, prior, light, one)
-        against_own(one[0], one[1], one[2], scatter[mode], least, overlap, values[mode], places[mode])
+        most[mode] = most_information(cells, mode, prior_power, row)
+    for y in range(height):
+        box_rows(cells, 0, y, gains, level, light)
+        squares[0] += add_row(light[0], light[1], light[3], scatter[0], least, most[0], y, 0, tally)
+        for mode in range(1, modes):
+            if most[mode] <= least:
+                continue
+            box_rows(cells, mode, y, gains, level, row)
+            rest_row(row[1], row[2], light[1], prior_power, rest)
+            take_common(light, prior_power, rest, row)
+            squares[mode] += add_row(row[0], rest, row[3], scatter[mode], least, most[mode], y, mode, tally)
+    for mode in range(modes):
+        extremes_of_tally(tally, mode, squares[mode], overlap, values[mode], places[mode])

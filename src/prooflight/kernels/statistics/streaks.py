@@ -9,6 +9,7 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of, smallest_of
+from prooflight.kernels.statistics.boxes import add_to
 
 ABOUT = 16
 """Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
@@ -16,11 +17,11 @@ ABOUT = 16
 
 
 @inner_kernel()
-def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignore[no-untyped-def]
+def running(row, reach_before, reach_after, prefix, out):  # type: ignore[no-untyped-def]
     """Compute sums of a row (w,) from ``reach_before`` before to ``reach_after`` after each place.
 
-    out (w,) float64 is written. beyond: 1: the first and the last value are repeated beyond the row, 0: zero
-    beyond. prefix (w + 1,) float64 is working space.
+    The first and the last value are repeated beyond the row. out (w,) float64 is written; prefix (w + 1,) float64 is
+    working space.
     """
     size = row.size
     prefix[0] = 0.0
@@ -29,8 +30,7 @@ def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignor
     for x in range(size):
         first, last = x - reach_before, x + reach_after + 1
         total = prefix[min(last, size)] - prefix[max(first, 0)]
-        if beyond:
-            total += max(-first, 0) * row[0] + max(last - size, 0) * row[size - 1]
+        total += max(-first, 0) * row[0] + max(last - size, 0) * row[size - 1]
         out[x] = total
 
 
@@ -74,8 +74,8 @@ def levelled_parts(columns, length, step, prior_power, wide, out):  # type: igno
                         uneven[x] += difference * difference
             for x in range(width):
                 edges[x] *= min(rest[x] / max(sums[1, x], np.float32(1e-9)), np.float32(1))
-            running(own, wide // 2, wide - wide // 2 - 1, True, prefix, push)
-            running(rest, wide // 2, wide - wide // 2 - 1, True, prefix, power)
+            running(own, wide // 2, wide - wide // 2 - 1, prefix, push)
+            running(rest, wide // 2, wide - wide // 2 - 1, prefix, power)
             for x in range(width):
                 own[x] -= push[x] / (power[x] + 1e-6 * wide) * rest[x]
 
@@ -83,10 +83,15 @@ def levelled_parts(columns, length, step, prior_power, wide, out):  # type: igno
 @kernel("maps (N, W), count, out (N, W)")
 def widened(maps, count, out):  # type: ignore[no-untyped-def]
     """Compute sums over ``count`` columns about each of maps (n, w), out (n, w); 0 beyond the ends."""
-    prefix, sums = np.empty(maps.shape[1] + 1), np.empty(maps.shape[1])
+    width = maps.shape[1]
     for n in range(maps.shape[0]):
-        running(maps[n], count // 2, count - count // 2 - 1, False, prefix, sums)
-        out[n] = sums
+        row, sums = maps[n], out[n]
+        sums[:] = np.float32(0)
+        for shift in range(-min(count // 2, width), min(count - count // 2, width)):
+            if shift < 0:
+                add_to(row[: width + shift], sums[-shift:])
+            else:
+                add_to(row[shift:], sums[: width - shift])
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

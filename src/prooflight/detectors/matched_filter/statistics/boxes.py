@@ -60,18 +60,15 @@ def cells_of(sums: Sums, light: NDArray[np.floating]) -> Iterator[Cells]:
             larger = np.empty((4, len(sums.modes), *extents), np.float32)
             merged(own, gains, larger)
             own, gains = larger, np.zeros(extents[0], np.float32)
-            middle = [
-                np.minimum(2 * np.arange(n) + 1, m - 1) for n, m in zip(extents, level.shape, strict=True)
-            ]
-            level = level[np.ix_(*middle)]
-        near = size <= SMALL
-        yield Cells(
-            sums=own,
-            size=size,
-            gains=gains,
-            level=level if near else np.zeros_like(level),
-            common=common,
-        )
+            level = _of_middles(level, extents) if size <= SMALL else np.zeros(extents, np.float32)
+        yield Cells(sums=own, size=size, gains=gains, level=level, common=common)
+
+
+def _of_middles(level: NDArray[np.float32], extents: Sequence[int]) -> NDArray[np.float32]:
+    """Return the level of boxes of twice the side, (rows, columns)."""
+    for axis, extent in enumerate(extents):
+        level = level.take(np.minimum(2 * np.arange(extent) + 1, level.shape[axis] - 1), axis=axis)
+    return level
 
 
 def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:

@@ -400,7 +400,7 @@ def t_statistic(
 
 def flicker(sums: Sums) -> NDArray[np.float32]:
     """Return the lamp's flicker from line to line, (tile rows,) [-], without its smooth part."""
-    push, power = (sums.tiles[part, 0].sum(axis=1, dtype=np.float64) for part in (0, 1))
+    push, power = (sums.tiles[part, 0].sum(axis=1) for part in (0, 1))
     gain = push / (power + 1 / sums.prior.flicker**2)
     gain -= ndimage.uniform_filter1d(gain, round(COLUMN_MM / sums.tile_mm) | 1, mode="nearest")
     return gain.astype(np.float32)

@@ -193,18 +193,20 @@ def of_steps(sums: Sums) -> Iterator[Observed]:
 def of_energy(sums: Sums) -> Iterator[Observed]:
     """Yield squared residuals over their variance, regardless of their shape."""
     energy, pixels = sums.tiles[0, -1], sums.tiles[1, -1]
-    share = sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], 1e-9) * pixels
+    share = np.maximum(sums.tiles[1, 0], np.float32(1e-9))
+    np.divide(sums.tiles[3, 0], share, out=share)
+    share *= pixels
     yield Observed(
         statistic=Statistic("energy", "page"),
         value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)),
     )
-    maps, side = np.stack([energy, pixels, share]), 1
+    maps, side = [energy, pixels, share], 1
     for size in (2, 8, 32):
         whole = Statistic("energy", size=size)
         excess = whole._replace(reference=OWN_PAGE)
         step, side = size // side, size
-        maps = binned(maps, step)[:, : maps.shape[1] // step] * np.float32(step**2)
-        if not maps.size:
+        maps = [binned(one, step)[: len(one) // step] * np.float32(step**2) for one in maps]
+        if not maps[0].size:
             yield Observed(statistic=whole, value=0.0)
             yield Observed(statistic=excess, value=0.0)
             continue

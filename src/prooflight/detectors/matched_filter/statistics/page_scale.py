@@ -156,7 +156,12 @@ def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
     It is 1 if fewer than ``least`` values are nonzero; a value of 0 has no information.
     """
     nonzero = np.abs(t[t != 0])
-    return max(float(np.quantile(nonzero, ONE_SIGMA)), LEAST_SCALE) if nonzero.size >= least else 1.0
+    if nonzero.size < least:
+        return 1.0
+    below, part = divmod(ONE_SIGMA * (nonzero.size - 1), 1)
+    nonzero.partition(int(below))
+    low, high = float(nonzero[int(below)]), float(nonzero[int(below) + 1 :].min())
+    return max(low + part * (high - low), LEAST_SCALE)
 
 
 class Step(NamedTuple):

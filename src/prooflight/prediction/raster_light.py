@@ -11,7 +11,7 @@ import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.memory import unset
-from prooflight.kernels.prediction.grouped import find_changes, look_up_groups
+from prooflight.kernels.prediction.grouped import find_changes, lookup_groups
 from prooflight.kernels.prediction.moving import BEYOND
 from prooflight.kernels.prediction.summing import GROUP
 from prooflight.prediction.printed import PrintedPage
@@ -106,7 +106,7 @@ def raster_light(
     values = unset((len(tables), GROUP * (1 + rows * groups)))
     values[:, :GROUP] = 0
     # One thread alone: at borders between bands, rounding would depend on the number of threads.
-    look_up_groups(
+    lookup_groups(
         raster.packed,
         np.zeros((rows, whole), np.bool_) if flat is None else flat.of_planes(planes),
         planes,

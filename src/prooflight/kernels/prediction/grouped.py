@@ -125,7 +125,7 @@ def compose_border(packed, row, planes, composed, above, here, column, pixels, a
     "backings (N), starts (H, (W + GROUP - 1) // GROUP), values (N, V)",
     where="GROUP * (1 + H * ((W + GROUP - 1) // GROUP)) <= V",
 )
-def look_up_groups(packed, flat, planes, tables, backings, starts, values):  # type: ignore[no-untyped-def]
+def lookup_groups(packed, flat, planes, tables, backings, starts, values):  # type: ignore[no-untyped-def]
     """Look up a raster with displaced planes, in groups of columns.
 
     packed (rows, columns) uint32; flat (rows, whole groups): groups that have the recipe of all pixels around them,

@@ -135,7 +135,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
 ):
     """Filter lines line_from .. line_to - 1 of a page at any placement, above the backing's level.
 
-    values, starts: light as from ``look_up_groups``, with ``beyond`` rows of starts at zeros before and after those of
+    values, starts: light as from ``lookup_groups``, with ``beyond`` rows of starts at zeros before and after those of
     the page; across, along: ``FilterPass``, along at lines and raster columns; bits: a raster pixel has 2^bits phases;
     light (lines, pixels). Rows that a line sees are summed up first, since a page has fewer lines than raster rows;
     where they are all the same they are not.

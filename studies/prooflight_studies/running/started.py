@@ -125,11 +125,11 @@ class StartedRun:
     """Whether `job prepare` precedes the first run."""
 
     def rows(
-        self, folder: Path, *, sheets: int, trial_sheets: int, seed: int, progress: Callable[[str], None]
+        self, folder: Path, *, sheets: int, trial_s: float, seed: int, progress: Callable[[str], None]
     ) -> list[dict[str, Any]]:
         """Return a row of the first run after installation, and one of the next, with the highest sustained rate.
 
-        sheets: of either; trial_sheets: of each run of the bisection.
+        sheets: of either; trial_s: duration of each run of the bisection, which has no more sheets than either.
         """
         facts = {"name": self.name, "sensors": self.sensors, "pages": self.pages, "prepared": self.prepared}
         rows = []
@@ -148,6 +148,6 @@ class StartedRun:
                     facts | {"caches": caches, "highest_pages_per_s": None} | run(self.pages_per_s, sheets)
                 )
             rows[-1]["highest_pages_per_s"] = highest_sustained(
-                lambda rate: sustained(run(rate, trial_sheets))
+                lambda rate: sustained(run(rate, min(math.ceil(rate * trial_s), sheets)))
             )
         return rows

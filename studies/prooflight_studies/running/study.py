@@ -63,8 +63,8 @@ class Plan:
     different_designs: int
     """Number of designs of the row whose pages are all different."""
     live_sheets: int
-    trial_sheets: int
-    """Number of sheets of each run that looks for the highest sustained rate of `watch`."""
+    trial_s: float
+    """Duration of each run that looks for the highest sustained rate of `watch`."""
     days: int
     """Number of days of runs that drift."""
 
@@ -78,7 +78,7 @@ class Plan:
                 designs=4,
                 different_designs=12,
                 live_sheets=40,
-                trial_sheets=24,
+                trial_s=6,
                 days=2,
             )
         return cls(
@@ -87,7 +87,7 @@ class Plan:
             designs=10,
             different_designs=100,
             live_sheets=2000,
-            trial_sheets=400,
+            trial_s=80,
             days=6,
         )
 
@@ -175,7 +175,7 @@ class Study:
         return started.rows(
             self.cache / "running",
             sheets=min(self.plan.live_sheets, most),
-            trial_sheets=min(self.plan.trial_sheets, most),
+            trial_s=self.plan.trial_s,
             seed=self.seed,
             progress=self.progress,
         )

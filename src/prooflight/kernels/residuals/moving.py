@@ -190,7 +190,7 @@ def move_smooth(images, units, filled, which, across, along, blank, out):  # typ
             node_row(across, first + i, right)
             node_row(along, first + i, down)
             aim_line(right, down, pixels, whole[i], shares[i])
-        top = max(first + whole[:count, 1].min(), 0)
+        top = min(max(first + whole[:count, 1].min(), 0), lines)  # a wrong page may lie anywhere
         stop = max(min(first + count + whole[:count, 1].max() + 1, lines), top)
         low, high = whole[:count, 0].min(), whole[:count, 0].max() + 1
         for place in range(which.size):

@@ -116,6 +116,18 @@ def test_the_largest_design_is_rehearsed() -> None:
     prefetcher.close()
 
 
+def test_a_design_of_middle_size_is_rehearsed_too() -> None:
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
+        Book(), lambda page: page[: 100 * (1 + int(page[0]) * 2 % 3)], depth=3, room_bytes=10**6
+    )
+    with pytest.raises(IndexError):
+        prefetcher.middle()
+    for sheet in (0, 1, 2):  # sizes 100, 300, 200
+        prefetcher.get(sheet)
+    assert prefetcher.middle()[0] == 2
+    prefetcher.close()
+
+
 def test_a_design_that_failed_is_tried_again() -> None:
     failures = [RuntimeError("once")]
 

@@ -126,6 +126,12 @@ class DesignPrefetcher(Generic[Ready]):
         with self._guard:
             return self._cached[max(self._bytes, key=self._bytes.__getitem__)].result()
 
+    def middle(self) -> Ready:
+        """Return the design of middle size of those that are ready; IndexError: none is."""
+        with self._guard:
+            by_size = sorted(self._bytes, key=self._bytes.__getitem__)
+            return self._cached[by_size[len(by_size) // 2]].result()
+
     def expect(self, sheet: int) -> None:
         """Announce that a sheet of the job and those after it come next."""
         self._next = sheet

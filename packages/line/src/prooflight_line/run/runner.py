@@ -74,7 +74,7 @@ _log = logging.getLogger(__name__)
 
 BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
-"""Number of times that each thread that inspects rehearses."""
+"""Number of times that each thread that inspects rehearses, in turn with two designs."""
 MIND_S: Final = 0.25
 """Interval of the checks whether the source has gone silent, or a person has stopped the run."""
 DOUBTED: Final = 3
@@ -268,14 +268,16 @@ class Running:
             self._prefetcher.get(self._first_due)
         if not self.tally.to_rehearse:
             return
-        # With the largest design, so that each thread has memory for its pages, and after all designs are loaded: the
-        # first inspection after that took three times as long.
-        inspector, ready, _ = self._prefetcher.largest()
+        # With the largest design, so that each thread has memory for its pages, and with one of middle size, since the
+        # largest may be a picture alone, without letters. After all designs are loaded: the first inspection after that
+        # took three times as long.
+        designs = self._prefetcher.largest(), self._prefetcher.middle()
         with ThreadPoolExecutor(self._settings.inspectors) as warming:
             loads = [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
-            scans = inspector.rehearsal_scans(ready)
+            scans = [inspector.rehearsal_scans(ready) for inspector, ready, _ in designs]
             turns = [
-                warming.submit(self._rehearse, inspector, ready, scans) for _ in range(self.tally.to_rehearse)
+                warming.submit(self._rehearse, *designs[turn % len(designs)][:2], scans[turn % len(designs)])
+                for turn in range(self.tally.to_rehearse)
             ]
         for turn in loads + turns:
             if (error := turn.exception()) is not None:

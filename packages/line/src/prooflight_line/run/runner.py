@@ -74,7 +74,7 @@ _log = logging.getLogger(__name__)
 
 BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
-"""Number of times that each thread that inspects rehearses, in turn with two designs."""
+"""Number of designs with which each thread that inspects rehearses."""
 MIND_S: Final = 0.25
 """Interval of the checks whether the source has gone silent, or a person has stopped the run."""
 DOUBTED: Final = 3
@@ -275,9 +275,11 @@ class Running:
         with ThreadPoolExecutor(self._settings.inspectors) as warming:
             loads = [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
             scans = [inspector.rehearsal_scans(ready) for inspector, ready, _ in designs]
+            # All threads at once with each, or one worker would inspect one of them alone.
             turns = [
-                warming.submit(self._rehearse, *designs[turn % len(designs)][:2], scans[turn % len(designs)])
-                for turn in range(self.tally.to_rehearse)
+                warming.submit(self._rehearse, inspector, ready, seen)
+                for (inspector, ready, _), seen in zip(designs, scans, strict=True)
+                for _ in range(self._settings.inspectors)
             ]
         for turn in loads + turns:
             if (error := turn.exception()) is not None:

@@ -124,6 +124,21 @@ def sum_energy(context, residual, weight, light, gains, first, last, at, sums): 
     return types.void(residual, weight, light, gains, place, place, place, sums), generate
 
 
+@inner_kernel()
+def mode_lines(m, images, scratch, first):  # type: ignore[no-untyped-def]
+    """Return the image of a mode of one sensor, and where its line ``first`` is in it.
+
+    scratch (n, lines, w): lines from ``first`` on of modes from ``VOID`` on.
+    """
+    if m >= VOID:
+        return scratch[m - VOID], 0
+    if m > INKS:
+        return images.gain[m - 1 - INKS], first
+    if m > 0:
+        return images.add[m - 1], first
+    return images.light, first
+
+
 @inner_kernel(fastmath=True, error_model="numpy")
 def void_row(light, white, out):  # type: ignore[no-untyped-def]
     """Compute the difference to bare paper."""
@@ -158,11 +173,11 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
     greatest share of variance due to edges of pixels that count. shift (lines,): whole pixels by which a line
     is moved left, so that columns of a turned page coincide. Lines are summed up by some, which stay in the cache.
     """
-    residual, weight, light, white, add, gain, of_edges = images
+    residual, weight, light, white, _, _, of_edges = images
     lines, pixels = residual.shape
     wide, classes = whole_groups(pixels), (most_edges[0], most_edges[1])
     sums, gains = np.empty((8, wide), np.float32), np.zeros((1, wide), np.float32)
-    void = np.zeros((LINES, wide), np.float32)
+    void = np.zeros((1, LINES, wide), np.float32)
     for segment in range(first, last):
         line = max(segment * segment_lines, 2)
         stop = min(lines if segment == out.shape[3] - 1 else (segment + 1) * segment_lines, lines - 2)
@@ -172,16 +187,10 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
                 end += 1
             left, right = max(by, 0), min(pixels + by, pixels)
             for near in range(line, end):
-                void_row(light[near], white, void[near - line])
+                void_row(light[near], white, void[0, near - line])
             for place in range(which.size):
                 m = which[place]
-                mode, begin = light, line
-                if m == VOID:
-                    mode, begin = void, 0
-                elif m > INKS:
-                    mode = gain[m - 1 - INKS]
-                elif m > 0:
-                    mode = add[m - 1]
+                mode, begin = mode_lines(m, images, void, line)
                 for at in range(0, pixels, GROUP):
                     sum_mode(
                         residual,
@@ -211,7 +220,7 @@ def add_tile_row(images, gains, first, last, side, which, scratch, sums, out):  
 
     scratch (3, side, w), sums (4, w) are working space, w: ``whole_groups`` of pixels; the rest as in ``tile_sums``.
     """
-    residual, weight, light, white, add, gain, of_edges = images
+    residual, weight, light, white, _, gain, of_edges = images
     for line in range(first, last):
         k = line - first
         for place in range(which.size):
@@ -224,13 +233,7 @@ def add_tile_row(images, gains, first, last, side, which, scratch, sums, out):  
                 whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], scratch[2, k])
     for place in range(which.size):
         m = which[place]
-        mode, begin = light, first
-        if m >= VOID:
-            mode, begin = scratch[m - VOID], 0
-        elif m > INKS:
-            mode = gain[m - 1 - INKS]
-        elif m > 0:
-            mode = add[m - 1]
+        mode, begin = mode_lines(m, images, scratch, first)
         for at in range(0, residual.shape[1], GROUP):
             sum_mode(
                 residual,

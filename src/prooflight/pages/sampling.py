@@ -41,6 +41,10 @@ class Footprint:
         across, along = (float(np.diff(of) @ middles) for of in (self.across, self.along))
         return across, along
 
+    def steps_in(self, length_mm: float) -> float:
+        """Return a length on the page in steps of the functions."""
+        return float((self.across.size - 1) / (2 * self.reach_mm) * length_mm)
+
     def moved(self, *, across_mm: float, along_mm: float) -> Footprint:
         """Return the footprint of a pixel that is displaced to the right and down from its nominal position
         in the scan.

@@ -78,7 +78,7 @@ class RasterLight:
     beyond: int
     """Number of rows before and after the page's in ``starts``."""
     starts: NDArray[np.int32]
-    """Where in ``values`` a group begins, (rows, groups)."""
+    """Place in ``values`` at which each group begins, (rows, groups)."""
     values: NDArray[np.float32]
     """Light of each of ``filtered_tables``, (tables, any). [the table's units]"""
 
@@ -120,5 +120,4 @@ def raster_light(
 
 def _rows_beyond(footprint: Footprint, pixel_mm: float) -> int:
     """Return the number of rows beyond a page that a line with this footprint may see."""
-    steps = (footprint.across.size - 1) / (2 * footprint.reach_mm) * pixel_mm
-    return math.ceil((footprint.along.size - 1) / steps) + 2 + BEYOND
+    return math.ceil((footprint.along.size - 1) / footprint.steps_in(pixel_mm)) + 2 + BEYOND

@@ -71,7 +71,7 @@ class SamplingGrid:
 
     def passes(self, footprint: Footprint, pixel_mm: float) -> tuple[FilterPass, FilterPass]:
         """Return the passes across and along by which a footprint filters a raster with pixels of that size."""
-        step = float((footprint.across.size - 1) / (2 * footprint.reach_mm) * pixel_mm)
+        step = footprint.steps_in(pixel_mm)
         across, along = (
             FilterPass(
                 places=nodes.places,

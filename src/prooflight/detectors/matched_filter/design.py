@@ -73,7 +73,7 @@ class PreparedPage:
 
     page: Page
     flat: FlatGroups
-    """Of the page, further than planes of a print are displaced."""
+    """Groups of the page that are flat further than planes of a print are displaced."""
     landmarks: Landmarks
     overlaps: Overlaps | None = None
     """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
@@ -95,7 +95,7 @@ class PreparedPage:
     specks: NDArray[np.float32]
     """See ``speck_shares``."""
     glyphs: PageGlyphs | None = None
-    """None: glyphs are not tested."""
+    """Glyphs that are tested; None: none are."""
     beat: NDArray[np.float64] | None = None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
     row_beats: RowBeats | None = None

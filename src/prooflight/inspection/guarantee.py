@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Self
 
@@ -52,8 +52,8 @@ class GuaranteeMonitor:
     """Test of the run; None: the detector has none, or it has ended."""
     unlike: str = ""
     """Difference of the run's pages from the press's own, and the remedy; empty: none is shown."""
-    seen: set[int] = field(default_factory=set)
-    """Designs of which a sheet came."""
+    seen: set[Hashable] = field(default_factory=set)
+    """Keys of designs of which a sheet came."""
     cause: CommonCause = field(default_factory=CommonCause)
     """Counter of the run's alarms by kind and place."""
 
@@ -72,7 +72,7 @@ class GuaranteeMonitor:
             return ""
         return MISPRINTS.format(self.cause.description) if self.cause.description else self.unlike
 
-    def resume(self, designs: Iterable[int], suspended: str) -> None:
+    def resume(self, designs: Iterable[Hashable], suspended: str) -> None:
         """Continue the test of a run whose first part was watched by a process that has ended.
 
         ``designs`` came in that part, and do not count again. ``suspended`` is what it reported of the guarantee.
@@ -81,7 +81,7 @@ class GuaranteeMonitor:
         if suspended:
             self.unlike, self.test = suspended, None
 
-    def add(self, verdict: Verdict, summary: NDArray[np.float64] | None, design: int) -> bool:
+    def add(self, verdict: Verdict, summary: NDArray[np.float64] | None, design: Hashable) -> bool:
         """Add the next page of the run; return whether it suspends the guarantee, which happens once.
 
         Of each design the first sheet counts: copies of one are not exchangeable with pages of many.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Verdict
+from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight_line.run.monitor.run import Announcement, PageEvidence, RunMonitor
 from prooflight_line.run.outcomes import CORRUPTED, RunWatch, missing_page, outcome, skipped, unknown_sheet
 from prooflight_line.run.sheets.records import Fault, MissingPage, SeenPage
@@ -85,3 +88,33 @@ def test_the_run_knows_how_many_pages_are_left(
     done = outcome(7, seen(job_page), GOOD)
     assert RunWatch(monitor=monitor, adapting=None, sheets=sheets).add(done) is done
     assert asked == [(7, left)]
+
+
+@dataclass
+class Summaries:
+    """Test of a run that records the summaries of its pages."""
+
+    added: list[float] = field(default_factory=list)
+    suspended: bool = False
+    strangest: str = ""
+    remedy: str = ""
+
+    def add(self, summary: NDArray[np.float64]) -> None:
+        self.added.append(float(summary[0]))
+
+
+def test_copies_of_a_design_count_once_in_the_test_of_a_run() -> None:
+    """Six sheets show a job of three pages twice; a sheet of no page of the job is a design of its own."""
+    monitor = RunMonitor.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=RunningCosts())
+    test = Summaries()
+    watch = RunWatch(
+        monitor=monitor,
+        adapting=None,
+        sheets=6,
+        design=lambda page: page % 3,
+        guarantee=GuaranteeMonitor(test=test),
+    )
+    for sheet, page in enumerate((0, 1, 2, 3, None, 4, 5, None)):
+        evidence = PageEvidence(summary=np.array([float(sheet)]))
+        watch.add(outcome(sheet, seen(page), GOOD, evidence=evidence))
+    assert test.added == [0.0, 1.0, 2.0, 4.0, 7.0]

@@ -14,7 +14,7 @@ from prooflight_line.run.notices import Notice
 from prooflight_line.run.pace import Pace
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -171,8 +171,14 @@ class RunWatch:
     adapting: Adapting | None
     sheets: int | None
     """Number of sheets in the run; None: unknown."""
+    design: Callable[[int], Hashable] = int
+    """Function that returns the key of the design on a page of the run (``PageStore.design``); ``int``: each is new."""
     guarantee: GuaranteeMonitor = field(default_factory=GuaranteeMonitor)
     pace: Pace = field(default_factory=Pace)
+
+    def design_of(self, record: PageRecord) -> Hashable:
+        """Return the key of a sheet's design; a sheet that shows no page of the job is one of its own."""
+        return ("sheet", record.sheet) if record.job_page is None else self.design(record.job_page)
 
     def add(self, outcome: Outcome) -> Outcome:
         """Add the next sheet in order; return its outcome with what the monitors report at it."""
@@ -183,8 +189,7 @@ class RunWatch:
             for name, level in self.adapting.see(evidence.values):
                 announcements += self.monitor.excursion(number, name, level, pages_left=left)
         news = []
-        design = number if outcome.record.job_page is None else outcome.record.job_page
-        if self.guarantee.add(outcome.record.verdict, evidence.summary, design):
+        if self.guarantee.add(outcome.record.verdict, evidence.summary, self.design_of(outcome.record)):
             news.append(Notice(kind="promise-suspended", text=self.guarantee.suspended))
         if outcome.came and (said_of_pace := self.pace.add(outcome.record)) is not None:
             news.append(said_of_pace)

@@ -19,7 +19,7 @@ from prooflight_line.run.sheets.readings import UNWATCHED, Reading, Readings
 from prooflight_line.run.status import VERDICTS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Hashable, Iterable
 
     from prooflight_line.journal.records import PageRecord
     from prooflight_line.run.outcomes import RunWatch
@@ -56,7 +56,8 @@ class Past:
 
         Each row is added to the monitors of ``watch``; what they announce was announced before.
         """
-        past, designs = cls(), set[int]()
+        past = cls()
+        designs: set[Hashable] = set()
         for record in records:
             past.add(record)
             if watch is None:
@@ -66,7 +67,7 @@ class Past:
             past.counts["announcements"] += len(finished.announcements)
             past.counts["overloads"] += sum(one.kind == "overloaded" for one in finished.notices)
             if record.verdict.detector:
-                designs.add(record.sheet if record.job_page is None else record.job_page)
+                designs.add(watch.design_of(record))
         if watch is not None:
             watch.guarantee.resume(designs, past.promise_suspended)
         return past

@@ -65,6 +65,7 @@ def watched(
         monitor=monitor,
         adapting=Adapting.begin(press) if follow else None,
         sheets=len(page_store) or None,
+        design=page_store.design,
         guarantee=GuaranteeMonitor.of(inspector.detector, seed=settings.seed),
     )
     past = None if recorded is None else Past.of(recorded, watch)

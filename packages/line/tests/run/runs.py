@@ -62,6 +62,9 @@ class SheetInspector:
     def rehearsal_scans(self, ready: Any) -> list[Any]:
         return []
 
+    def rehearse_preparation(self, ready: Any) -> None:
+        pass
+
     def rehearse(self, ready: Any, scans: Any) -> None:
         self.before_sheets.append("rehearse")
 

@@ -20,6 +20,7 @@ from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
 from prooflight_line.run.pager import SLIP_MM, Pager, TriggerCount
+from prooflight_line.run.sheets.following import Following
 from prooflight_line.run.sheets.records import MissingPage, SeenPage
 from prooflight_line.run.sheets.store import LineStore
 from prooflight_line.run.sheets.thumbnails import thumbnail_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight_line.run.pager import PageStart
+    from prooflight_line.run.sheets.following import Match
     from prooflight_line.run.sheets.records import Fault
     from prooflight_line.run.sheets.thumbnails import Thumbnail
 
@@ -159,6 +161,20 @@ def test_a_rehearsal_leaves_no_trace(job: Job) -> None:
         assert isinstance(other, SeenPage)
         assert (one.job_page, one.first_line, one.faults) == (other.job_page, other.first_line, other.faults)
         assert (one.scan == other.scan).all()
+
+
+def test_the_rehearsed_sheet_is_identified(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that the comparison of two pages is rehearsed as well."""
+    matches: list[Match] = []
+    identify = Following.identify
+
+    def recorded(following: Following, *arguments: Any, **named: Any) -> Match:
+        matches.append(identify(following, *arguments, **named))
+        return matches[-1]
+
+    monkeypatch.setattr(Following, "identify", recorded)
+    Pager(job.press, expected=repeated(job.thumbnails, PAGES)).warm_up()
+    assert [match.job_page for match in matches] == [0]
 
 
 def test_a_scan_is_the_lines_from_lead_in_above_the_sheet(job: Job) -> None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.kernels.thumbnails import SHRINK, STEPS
+from prooflight.scans.lines import LineBlock
 from prooflight_line.run.sheets.edges import EDGE_LINES, STRETCH, Sheet, SheetFinder
 from prooflight_line.run.sheets.fitting import lay
 from prooflight_line.run.sheets.following import Expected, Following
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.press.artefact import Press
-    from prooflight.scans.lines import LineBlock
     from prooflight_line.run.sheets.fitting import Fit
     from prooflight_line.run.sheets.following import Match
     from prooflight_line.run.sheets.readings import Readings
@@ -114,6 +114,7 @@ class Pager:
         resumed.
         """
         geometry = press.geometry
+        self._press = press
         self._geometry, self._start = geometry, start or SheetEdge()
         self._lead_in, self._lead_out = (
             round(mm / geometry.line_pitch_mm) for mm in (geometry.lead_in_mm, geometry.lead_out_mm)
@@ -152,10 +153,19 @@ class Pager:
         return len(self._following.readings.missing)
 
     def warm_up(self) -> None:
-        """Run all steps once, so that the first sheet need not wait for compilers and caches."""
-        self._shrinker.picture(np.repeat(self._store.backing_dn[:, None], SHRINK, axis=1))
-        for page in self._following.thumbnails_near()[:1]:
-            self._following.identify(page.light.astype(np.float32) / np.float32(STEPS), longer=0.0)
+        """Take one sheet, made of a page's thumbnail, through a pager of its own.
+
+        The first sheet of the run then need not wait for compilers and caches.
+        """
+        near = self._following.thumbnails_near()[:2]
+        if not near:
+            return
+        light = near[0].light.astype(np.float32) / np.float32(STEPS)
+        sheet = self._store.lines_of(light.repeat(SHRINK, axis=0).repeat(SHRINK, axis=1))
+        gap = np.repeat(self._store.backing_dn[:, None], self._lead_in + self._lead_out, axis=1)
+        rehearsal = Pager(self._press, expected=near)
+        rehearsal.push(LineBlock(first_line=0, lines=np.concatenate([gap, sheet, gap], axis=1), time_s=0.0))
+        rehearsal.flush()
 
     def push(self, block: LineBlock) -> list[SeenPage | MissingPage]:
         """Return the pages that are complete with this block. ScanError: the block is not of this press's camera."""

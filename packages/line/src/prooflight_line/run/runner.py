@@ -274,6 +274,8 @@ class Running:
         designs = self._prefetcher.largest(), self._prefetcher.middle()
         with ThreadPoolExecutor(self._settings.inspectors) as warming:
             loads = [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
+            inspector, ready, _ = designs[0]
+            inspector.rehearse_preparation(ready)
             scans = [inspector.rehearsal_scans(ready) for inspector, ready, _ in designs]
             # All threads at once with each, or one worker would inspect one of them alone.
             turns = [

@@ -185,17 +185,18 @@ class SheetInspector:
         """Return scans (sensors, lines, pixels) [DN] after whose inspection none waits for compiler, cache or memory.
 
         The scan is the expected one, displaced and in place, with a hole: a misprint takes most time and memory.
-        The page is prepared again, for the sake of the designs that are prepared while sheets pass.
         """
-        page = ready.unpacked().page
-        self._packed(page)
-        expected = self.inspector.planned(page).expected.expected_dn
+        expected = self.inspector.planned(ready.unpacked().page).expected.expected_dn
         plain = np.rint(expected).clip(0).astype(np.uint16)
         scans = [np.roll(plain, off, axis=(1, 2)) for off in (OFF_PLACE, (0, 0))]
         lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in plain.shape[1:])
         for scan, hole in zip(scans, (0, plain.max()), strict=True):
             scan[:, lines, pixels] = hole
         return scans
+
+    def rehearse_preparation(self, ready: PackedDesign) -> None:
+        """Prepare a design again, for the sake of those that are prepared while sheets pass."""
+        self._packed(ready.unpacked().page)
 
     def rehearse(self, ready: PackedDesign, scans: Iterable[NDArray[np.uint16]]) -> None:
         """Inspect ``rehearsal_scans`` of a design."""

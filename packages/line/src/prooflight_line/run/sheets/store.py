@@ -116,6 +116,14 @@ class LineStore:
         self._append(lines, block.time_s)
         return faults
 
+    def lines_of(self, light: NDArray[np.float32]) -> NDArray[np.uint16]:
+        """Return lines (sensors, n, pixels) [DN] of a light (n, columns) [white]; backing from its columns on."""
+        lines = np.repeat(self.backing_dn[:, None], len(light), axis=1)
+        used = slice(0, light.shape[1])
+        levels = self._offset_dn[:, None, used] + self._white_dn[:, None, used] * light
+        lines[:, :, used] = np.rint(np.clip(levels, 0, 65535))
+        return lines
+
     def _with_lost_replaced(self, block: LineBlock) -> NDArray[np.uint16]:
         """Return a block's lines, with those that one sensor lost replaced from another, at the first one's levels.
 

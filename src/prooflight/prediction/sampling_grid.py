@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.kernels.prediction.aiming import FilterPass
+from prooflight.kernels.prediction.summing import GROUP
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,8 +28,9 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
 
-NODE_PITCH: Final = 16
-"""Lines, raster rows and columns between nodes; 1.7 mm at the paper's pitch, where warps span 25 mm."""
+NODE_PITCH: Final = GROUP
+"""Lines, raster rows and columns between nodes; 1.7 mm at the paper's pitch, where warps span 25 mm: prediction sums up
+raster columns by such groups."""
 MOST_COLUMNS: Final = 256
 """Greatest distance of nodes where places are linear: single precision then holds them to 1e-4 raster
 pixels."""
@@ -133,7 +135,7 @@ def sampling_grid(
     bend, still = BEND_PIXELS * ratio, placement.is_shift
     if along_first:
         across = _nodes(column_on_line, lines, geometry.pixels, bend=bend, within=True)
-        along = _nodes(row_on_line, lines, columns, bend=bend, within=True)
+        along = _nodes(row_on_line, lines, columns, bend=bend, within=True, most=NODE_PITCH)
     else:
         across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
         along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
@@ -156,11 +158,12 @@ def _nodes(
     bend: float,
     still: bool = False,
     within: bool = False,
+    most: int = MOST_COLUMNS,
 ) -> Nodes:
     """Return nodes as coarse as the curvature of places allows.
 
     still: the point seen at a column is the same in every row, but for the row's own place, so one cell down
-    is enough. within: places are wanted at columns of the page alone.
+    is enough. within: places are wanted at columns of the page alone. most: greatest distance of nodes across.
     """
     pitch = max(rows, 1) if still else NODE_PITCH
     down = np.arange(-(-rows // pitch) + 1, dtype=np.float64) * pitch
@@ -175,7 +178,7 @@ def _nodes(
         return places
 
     places, segment = at(NODE_PITCH), NODE_PITCH
-    while segment < min(columns, MOST_COLUMNS) and _straight(places, bend):
+    while segment < min(columns, most) and _straight(places, bend):
         places, segment = at(2 * segment), 2 * segment
     return Nodes(places=places, pitch=pitch, segment=segment)
 

@@ -22,32 +22,45 @@ from prooflight.kernels.prediction.summing import GROUP, sum_tilted
 
 BEYOND = 1
 """Rows before and after those that the middle of a group sees that its other columns may see."""
+AT_ONCE = 16
+"""Groups of which it is asked at once whether anything has changed."""
 LINEAR_FOOTPRINTS = 0.008
 """Greatest displacement within a group, in footprints, at which weights change linearly: they are then off
 by less than the nearest phase's."""
 
 
 @inner_kernel(error_model="numpy")
-def begin_groups(places, segment, reach, bits, taps, beyond, first, weights_at, rests, tilts):  # type: ignore[no-untyped-def]
+def begin_groups(places, reach, bits, taps, beyond, most_tilt, first, weights_at, rests, tilts):  # type: ignore[no-untyped-def]
     """Compute where the middle of each group of raster columns sees the first row, and its weights.
 
-    places: of columns 0, segment, 2 segment, ..., linear between. reach, bits, taps, beyond, first, weights_at: as in
-    ``begin_row``, (segments, groups). Written too: rests (segments, groups), phases by which a group lies beyond the
-    nearest; tilts (segments,), phases by which a column sees another place than its neighbour.
+    places (groups + 1,): of columns 0, GROUP, 2 GROUP, ..., linear between. reach, bits, taps, beyond, first,
+    weights_at: as in ``begin_row``, (groups,). Written too: rests (groups,), phases by which a group lies beyond the
+    nearest; tilts (groups,), phases by which a column sees another place than its neighbour. Return whether one is
+    more than ``most_tilt``.
     """
-    count = 1 << bits
-    for k in range(tilts.size):
-        step = (places[k + 1] - places[k]) / segment
-        tilts[k] = step * count
-        begin = places[k] - reach + step * ((GROUP - 1) / 2)
-        for group in range(first.shape[1]):
-            here = min(max(begin + step * GROUP * group, -1e6), 1e6)
-            whole = np.floor(here)
-            phases = (here - whole) * count
-            phase = np.floor(phases + 0.5)
-            first[k, group] = min(max(np.int32(whole) + taps, 0), beyond + taps)
-            weights_at[k, group] = np.int32(phase) * taps
-            rests[k, group] = phases - phase
+    count, none, last, wide = float(1 << bits), np.int32(0), np.int32(beyond + taps), np.int32(taps)
+    is_steep = none
+    for group in range(first.size):
+        step = (places[group + 1] - places[group]) / GROUP
+        here = min(max(places[group] - reach + step * ((GROUP - 1) / 2), -1e6), 1e6)
+        whole = np.floor(here)
+        phases = (here - whole) * count
+        phase = np.floor(phases + 0.5)
+        first[group] = min(max(np.int32(np.int32(whole) + wide), none), last)
+        weights_at[group] = np.int32(np.int32(phase) * wide)
+        rests[group] = phases - phase
+        tilts[group] = step * count
+        is_steep |= np.int32(abs(step * count) > most_tilt)
+    return is_steep != none
+
+
+@inner_kernel()
+def is_same(same_from, copied_from, first, begin, back):  # type: ignore[no-untyped-def]
+    """Return whether out has what each of AT_ONCE groups sees, which is the same in all rows; see ``sum_groups``."""
+    differs = np.int32(0)
+    for group in range(begin, begin + AT_ONCE):
+        differs |= np.int32(same_from[group] > first[group] + back) | (copied_from[group] ^ same_from[group])
+    return differs == 0
 
 
 @inner_kernel()
@@ -56,12 +69,13 @@ def sum_groups(  # type: ignore[no-untyped-def]
     starts,
     offset,
     same_from,
-    shown,
+    copied_from,
     table,
     slopes,
     taps,
     bits,
     most_tilt,
+    is_steep,
     first,
     weights_at,
     rests,
@@ -71,31 +85,34 @@ def sum_groups(  # type: ignore[no-untyped-def]
     """Sum up the rows that one line sees, by groups of raster columns: out (groups x GROUP,).
 
     values, starts: as in ``filter_moved_lines``; offset: of rows in starts; same_from (groups,): rows of starts from
-    which a group stays the same; shown (groups,): where the values begin that out has, -1 if they are sums; table,
-    slopes: weights at phases, and their derivatives; the others as from ``begin_groups``. Within a group weights change
-    linearly, unless the tilt is more than ``most_tilt``.
+    which a group stays the same; copied_from (groups,): the row of starts whose values out has, -1 if it has sums;
+    table, slopes: weights at phases, and their derivatives; is_steep: whether columns of a group may see further than
+    BEYOND; the others as from ``begin_groups``. Within a group weights change linearly, unless the tilt is more than
+    ``most_tilt``.
     """
-    groups, per_segment = starts.shape[1], first.shape[1]
-    most_beyond = np.float32((BEYOND << bits) / (GROUP / 2))
-    firsts, weight_starts, beyond = first.reshape(-1), weights_at.reshape(-1), rests.reshape(-1)
-    begins = starts.reshape(-1)
-    for group in range(groups):
-        row, at = firsts[group] + offset, GROUP * group
-        tilt, weight = tilts[group // per_segment], weight_starts[group]
-        if same_from[group] <= row - BEYOND and abs(tilt) <= most_beyond:
-            begin = starts[row, group]
-            if shown[group] != begin:
-                shown[group] = begin
-                copy_row(values[begin : begin + GROUP], out[at : at + GROUP])
+    groups, back, begins = starts.shape[1], np.int32(offset - BEYOND), starts.reshape(-1)
+    for begin in range(0, groups, AT_ONCE):
+        end = min(begin + AT_ONCE, groups)
+        is_whole = begin + AT_ONCE <= groups
+        if is_whole and not is_steep and is_same(same_from, copied_from, first, begin, back):
             continue
-        shown[group] = -1
-        if abs(tilt) <= most_tilt:
-            place = row * groups + group
-            sum_tilted(
-                values, begins, place, groups, table, slopes, weight, taps, beyond[group], tilt, out, at
-            )
-        else:
-            sum_columns(values, starts[:, group], row, table, weight // taps, taps, bits, tilt, out, at)
+        for group in range(begin, end):
+            row, at, tilt = first[group] + offset, GROUP * group, tilts[group]
+            if same_from[group] <= row - BEYOND and not is_steep:
+                if copied_from[group] != same_from[group]:
+                    copied_from[group] = same_from[group]
+                    source = starts[row, group]
+                    copy_row(values[source : source + GROUP], out[at : at + GROUP])
+                continue
+            copied_from[group] = -1
+            weight = weights_at[group]
+            if abs(tilt) <= most_tilt:
+                place = row * groups + group
+                sum_tilted(
+                    values, begins, place, groups, table, slopes, weight, taps, rests[group], tilt, out, at
+                )
+            else:
+                sum_columns(values, starts[:, group], row, table, weight // taps, taps, bits, tilt, out, at)
 
 
 @inner_kernel(error_model="numpy")
@@ -126,7 +143,7 @@ def mark_changes(starts, first, last, same_from):  # type: ignore[no-untyped-def
     "along.cumulative (N), along.step, bits, line_from, line_to, light (L, P)",
     where=(
         "0 <= line_from, line_to <= L, (I - 1) * across.pitch >= line_to, (J - 1) * across.segment >= P, "
-        "(K - 1) * along.pitch >= line_to, (M - 1) * along.segment >= columns, "
+        "(K - 1) * along.pitch >= line_to, along.segment == GROUP, (M - 1) * GROUP >= columns, "
         "(N - 1) / along.step + 2 + BEYOND <= beyond, 2 * beyond <= S"
     ),
 )
@@ -151,21 +168,22 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     slopes = derivatives(along_table).reshape(-1)
     along_weights = along_table.reshape(-1)
     most_tilt = np.float32(LINEAR_FOOTPRINTS * 2 * y_reach / (GROUP / 2) * (1 << bits))
+    most_beyond = np.float32((BEYOND << bits) / (GROUP / 2))
     width = starts.shape[1] * GROUP
     line_light = np.zeros(width + 3 * taps, np.float32)
     summed = line_light[taps : taps + width]
     x_places, y_places = np.empty(across.places.shape[1]), np.empty(along.places.shape[1])
     x_first = np.empty((x_places.size - 1, across.segment), np.int32)
-    y_first = np.empty((y_places.size - 1, along.segment // GROUP), np.int32)
-    x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
-    rests, tilts = np.empty(y_first.shape, np.float32), np.empty(y_places.size - 1, np.float32)
-    rows = starts.shape[0] - 2 * beyond
-    same_from, shown = np.zeros(starts.shape[1], np.int32), np.full(starts.shape[1], -1, np.int32)
+    x_weights_at = np.empty_like(x_first)
+    rows, groups = starts.shape[0] - 2 * beyond, starts.shape[1]
+    y_first, y_weights_at = np.empty(groups, np.int32), np.empty(groups, np.int32)
+    rests, tilts = np.empty(groups, np.float32), np.empty(groups, np.float32)
+    same_from, copied_from = np.zeros(groups, np.int32), np.full(groups, np.int32(-1))
     next_row = -1
     for line in range(line_from, line_to):
         place_row(along.places, along.pitch, line, y_places)
-        begin_groups(
-            y_places, along.segment, y_reach, bits, y_taps, rows, y_first, y_weights_at, rests, tilts
+        is_steep = begin_groups(
+            y_places, y_reach, bits, y_taps, rows, most_beyond, y_first, y_weights_at, rests, tilts
         )
         if next_row < 0:
             next_row = y_first.min() - BEYOND + offset
@@ -179,12 +197,13 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
             starts,
             offset,
             same_from,
-            shown,
+            copied_from,
             along_weights,
             slopes,
             y_taps,
             bits,
             most_tilt,
+            is_steep,
             y_first,
             y_weights_at,
             rests,

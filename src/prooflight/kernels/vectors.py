@@ -70,6 +70,12 @@ class Group:
         test = self.builder.fcmp_ordered(">", self.value, self._vector(least))
         return Group(self.builder, self.builder.select(test, self._vector(1.0), self._vector(0.0)))
 
+    def any_above(self, least: float) -> Any:
+        """Return whether any of them is greater, a truth value of the compiled loop."""
+        flags = self.builder.fcmp_ordered(">", self.value, self._vector(least))
+        bits = ir.IntType(self.size)
+        return self.builder.icmp_unsigned("!=", self.builder.bitcast(flags, bits), bits(0))
+
     def at_most(self, most: Group | float) -> Group:
         """Return the lesser of two numbers."""
         return self.chosen(self, "<", most, most)

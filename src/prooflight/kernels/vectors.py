@@ -76,6 +76,11 @@ class Group:
         bits = ir.IntType(self.size)
         return self.builder.icmp_unsigned("!=", self.builder.bitcast(flags, bits), bits(0))
 
+    def every_other(self, rest: Group) -> Group:
+        """Return the first of these numbers and of as many that follow, the third and so on."""
+        places = ir.Constant(ir.VectorType(INT, self.size), list(range(0, 2 * self.size, 2)))
+        return Group(self.builder, self.builder.shuffle_vector(self.value, rest.value, places))
+
     def at_most(self, most: Group | float) -> Group:
         """Return the lesser of two numbers."""
         return self.chosen(self, "<", most, most)

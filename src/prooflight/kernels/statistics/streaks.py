@@ -239,8 +239,8 @@ def slanted(push, power, mirrored, smallest, first, least, most_of_half, values,
     n and d are sums along a line. mirrored: the lines lean left, and columns count from the right. Heights are
     smallest, twice that, ..., S rows; slopes a = 0..height of a height are whole columns to the right over it, of
     which those below first of that height are left out; lines that leave the page are, too. least: of d, so that
-    little information has little effect; most_of_half: as in ``limited_squares``. Written: values (L, S, 2), the least with
-    its sign turned, and places (L, S, 2, 2), strip and column at its top; 0 without information.
+    little information has little effect; most_of_half: as in ``limited_squares``. Written: values (L, S, 2), the least
+    with its sign turned, and places (L, S, 2, 2), strip and column at its top; 0 without information.
 
     A line leans a right from its first row to its last: its upper half leans a // 2, the lower one begins (a + 1) // 2
     further right and leans as much. Two halves make two lines, whose sums replace theirs.

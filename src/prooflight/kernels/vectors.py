@@ -70,6 +70,17 @@ class Group:
         test = self.builder.fcmp_ordered(">", self.value, self._vector(least))
         return Group(self.builder, self.builder.select(test, self._vector(1.0), self._vector(0.0)))
 
+    def any_above(self, least: float) -> Any:
+        """Return whether any of them is greater, a truth value of the compiled loop."""
+        flags = self.builder.fcmp_ordered(">", self.value, self._vector(least))
+        bits = ir.IntType(self.size)
+        return self.builder.icmp_unsigned("!=", self.builder.bitcast(flags, bits), bits(0))
+
+    def every_other(self, rest: Group) -> Group:
+        """Return the first of these numbers and of as many that follow, the third and so on."""
+        places = ir.Constant(ir.VectorType(INT, self.size), list(range(0, 2 * self.size, 2)))
+        return Group(self.builder, self.builder.shuffle_vector(self.value, rest.value, places))
+
     def at_most(self, most: Group | float) -> Group:
         """Return the lesser of two numbers."""
         return self.chosen(self, "<", most, most)

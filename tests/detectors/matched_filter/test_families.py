@@ -10,7 +10,7 @@ import pytest
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.fit.beat import RowBeats
 from prooflight.detectors.matched_filter.naming import kind_of
-from prooflight.detectors.matched_filter.statistics.boxes import cells_of
+from prooflight.detectors.matched_filter.statistics.boxes import smallest_cells
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
@@ -80,7 +80,7 @@ def drawn(seed: int, *, of_edges: float = 0.0) -> Sums:
 
 def boxes_of(sums: Sums, reference: Reference) -> list[Observed]:
     scatter = Scatter.white()
-    return list(of_boxes(sums, cells_of(sums, scatter.light), scatter, reference))
+    return list(of_boxes(sums, smallest_cells(sums, scatter.light), scatter, reference))
 
 
 def test_a_spot_is_said_where_it_is() -> None:

@@ -43,7 +43,7 @@ from prooflight.kernels.residuals.residuals import (
     residuals,
     variances,
 )
-from prooflight.kernels.statistics.boxes import own_of_cells
+from prooflight.kernels.statistics.boxes import own_of_cells, t_of_squares
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.streaks import levelled_parts, tile_scores, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
@@ -151,10 +151,13 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
         column_gains=np.zeros((1, 60), np.float32),
     )  # fmt: skip
     scatter = rng.uniform(0.5, 2, (len(MODES), 3)) * [1, 1, 1e-4]
+    merged = tiles
     for cells, size in zip(cells_of(sums, assumed_light(PrintPrior())), SIZES, strict=True):
         assert cells.size == size
+        np.testing.assert_allclose(merged, cells.sums, rtol=1e-4, atol=1e-1)
         own, power, edges = boxes(cells)
-        for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):
+        merged = cells.room(len(MODES))
+        for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4, larger=merged)):
             t = t_statistic(own[mode], power[mode], edges[mode], scatter[mode])
             high, low = max(t.max(), 0), min(t.min(), 0)
             assert found.high == pytest.approx(high, rel=2e-3, abs=1e-3)
@@ -467,3 +470,19 @@ def test_tiles_by_themselves_say_what_boxes_of_one_would(seed: int) -> None:
     informed = found[1] > LEAST_POWER
     np.testing.assert_allclose(t, t_statistic(*found, scatter.astype(np.float64)), rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(known, np.where(informed, found[1] ** 2 / spread, 0), rtol=1e-4)
+
+
+@few
+@given(seeds)
+def test_squares_of_tiles_say_what_their_sums_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tiles = rng.random((3, 9, 37)).astype(np.float32)
+    tiles[0] -= 0.5
+    tiles[:, :3, :4] = 0  # nothing is known there
+    rows, columns = np.array([0, 1, 2, 5, 8]), np.array([0, 1, 2, 20, 36])
+    scatter, t = np.array([1.2, 0.7, 0.01]), np.empty((5, 5), np.float32)
+    push, power, edges = tiles
+    t_of_squares(push, power, edges, rows, columns, scatter.astype(np.float32), np.float32(LEAST_POWER), t)
+    down = tiles[:, rows] + tiles[:, np.maximum(rows - 1, 0)]
+    own, known, of_edges = down[..., columns] + down[..., np.maximum(columns - 1, 0)]
+    np.testing.assert_allclose(t, t_statistic(own, known, of_edges, scatter), rtol=1e-4, atol=1e-6)

@@ -46,7 +46,7 @@ from prooflight.detectors.matched_filter.statistics.families import (
     remaining_statistics,
     screen_statistics,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
+from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER, MODES
 from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, Observed, values_of
 from prooflight.detectors.matched_filter.variation import page_variation, print_state
@@ -54,6 +54,7 @@ from prooflight.detectors.matched_filter.visibility import on_tint, visible_mark
 from prooflight.detectors.matched_filter.zones import MatchedFilterPricing, ZonedJudge, careful_statistics
 from prooflight.detectors.placing import inside, shift_of, shows_another, unplaced_reason
 from prooflight.detectors.verdict import Decision, Verdict
+from prooflight.kernels.statistics.boxes import t_of_squares
 from prooflight.pages.zones.zone import KINDS as ZONE_KINDS
 from prooflight.pages.zones.zone import Kind, PageZones
 from prooflight.prediction.predict import cut
@@ -416,14 +417,12 @@ class MatchedFilterPage:
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         rows, columns = middle_tiles(sums.tiles.shape[-2:], side, area, block=BLOCK_PIXELS)
 
-        def of_boxes(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
-            # A box of 1 mm is the tile in the middle of a block, and the one before it, each way.
-            down = tiles.take(rows, axis=0) + tiles.take(np.maximum(rows - 1, 0), axis=0)
-            return np.asarray(down.take(columns, axis=1) + down.take(np.maximum(columns - 1, 0), axis=1))
-
-        push, power, edges = (of_boxes(sums.tiles[part, light]) for part in (0, 1, 3))
-        scatter = self.detector.calibrated.model.scatter.boxes[light, 0]
-        return np.asarray(t_statistic(push, power, edges, scatter), np.float32)[None]
+        # A box of 1 mm is the tile in the middle of a block, and the one before it, each way.
+        t = np.empty((rows.size, columns.size), np.float32)
+        scatter = self.detector.calibrated.model.scatter.boxes[light, 0].astype(np.float32)
+        of_light = (sums.tiles[part, light] for part in (0, 1, 3))
+        t_of_squares(*of_light, rows, columns, scatter, np.float32(LEAST_POWER), t)
+        return t[None]
 
 
 def summary_of(

@@ -1,7 +1,4 @@
-"""Compiled loops for sums over boxes of tiles, from size to size, and for echoes of a page's own detail in them.
-
-Cells tile the map; boxes are 2 x 2 cells and overlap by half; four cells make one of the next size.
-"""
+"""Compiled loops for sums over cells of tiles, and for echoes of a page's own detail in boxes of them."""
 
 from __future__ import annotations
 
@@ -10,57 +7,6 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 _LEAST = np.float32(1e-6)
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def box_row(cells, y, out):  # type: ignore[no-untyped-def]
-    """Compute sums of 2 x 2 cells from row y of cells (h, w) on, out (w,); 0 beyond the map."""
-    height, last = cells.shape[0], out.size - 1
-    top, bottom = cells[y], cells[min(y + 1, height - 1)]
-    share = np.float32(1) if y + 1 < height else np.float32(0)
-    for x in range(last):
-        out[x] = top[x] + top[x + 1] + share * (bottom[x] + bottom[x + 1])
-    out[last] = top[last] + share * bottom[last]
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
-    """Subtract shares of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
-    height, last = cells.shape[0], out.size - 1
-    top, bottom = cells[y], cells[min(y + 1, height - 1)]
-    for x in range(last):
-        out[x] -= above * (top[x] + top[x + 1]) + below * (bottom[x] + bottom[x + 1])
-    out[last] -= above * top[last] + below * bottom[last]
-
-
-@kernel(
-    "cells (4, N, H, W), gains (H), out (4, M, -(-H // 2), -(-W // 2))",
-    where="M <= N",
-    fastmath=True,
-    error_model="numpy",
-)
-def merged(cells, gains, out):  # type: ignore[no-untyped-def]
-    """Merge cells (4, modes, h, w) to twice the side, into out; gains (h,): share of C taken from N of a row."""
-    modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
-    line = np.empty(width + 1, np.float32)
-    line[width] = 0
-    for part in range(4):
-        for mode in range(modes):
-            of, c = cells[part, mode], cells[2, mode]
-            for k in range(out.shape[2]):
-                y = 2 * k
-                z = min(y + 1, height - 1)
-                share = np.float32(1) if y + 1 < height else np.float32(0)
-                if part == 0:
-                    g, h = gains[y], gains[z]
-                    for x in range(width):
-                        line[x] = of[y, x] - g * c[y, x] + share * (of[z, x] - h * c[z, x])
-                else:
-                    for x in range(width):
-                        line[x] = of[y, x] + share * of[z, x]
-                target = out[part, mode, k]
-                for i in range(target.size):
-                    target[i] = line[2 * i] + line[2 * i + 1]
 
 
 @kernel(
@@ -164,13 +110,48 @@ def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
                 add_to(across[k, m], out[n, m])
 
 
-@kernel("sums (N, 3, K), noise, at_edges, tolerance, least, out (N, K)", fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
+def t_row(push, power, edges, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
+    """Compute T of a row; 0 where there is no more information than ``least``."""
+    for x in range(out.size):
+        d, e = power[x], max(edges[x], np.float32(0))
+        spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
+        t = push[x] / np.sqrt(spread + _LEAST)
+        out[x] = t if d > least else np.float32(0)
+
+
+@kernel("sums (N, 3, K), noise, at_edges, tolerance, least, out (N, K)")
 def t_of_boxes(sums, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
     """Compute T of sums (n, 3, lags) into out (n, lags); 0 where there is no more information than ``least``."""
     for n in range(out.shape[0]):
-        pushes, powers, edges, row = sums[n, 0], sums[n, 1], sums[n, 2], out[n]
-        for lag in range(row.size):
-            d, e = powers[lag], max(edges[lag], np.float32(0))
-            spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
-            t = pushes[lag] / np.sqrt(spread + _LEAST)
-            row[lag] = t if d > least else np.float32(0)
+        t_row(sums[n, 0], sums[n, 1], sums[n, 2], noise, at_edges, tolerance, least, out[n])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def square_row(above, here, line, out):  # type: ignore[no-untyped-def]
+    """Compute sums of 2 x 2 tiles that end in each tile of a row, out (w,); the first ends twice in itself."""
+    for x in range(line.size):
+        line[x] = above[x] + here[x]
+    out[0] = line[0] + line[0]
+    right, rest = line[1:], out[1:]
+    for x in range(rest.size):
+        rest[x] = line[x] + right[x]
+
+
+@kernel("push (H, W), power (H, W), edges (H, W), rows (R), columns (C), scatter (3), least, out (R, C)")
+def t_of_squares(push, power, edges, rows, columns, scatter, least, out):  # type: ignore[no-untyped-def]
+    """Compute T of 2 x 2 tiles that end in a tile of each of rows and columns, out (r, c); the first counts twice.
+
+    push, power, edges (h, w): N, D and the edges' part of D of tiles; scatter: noise, edges, tolerance.
+    """
+    width = push.shape[1]
+    line, sums, t = np.empty(width, np.float32), np.empty((3, width), np.float32), np.empty(width, np.float32)
+    for k in range(rows.size):
+        y = rows[k]
+        above = max(y - 1, 0)
+        square_row(push[above], push[y], line, sums[0])
+        square_row(power[above], power[y], line, sums[1])
+        square_row(edges[above], edges[y], line, sums[2])
+        t_row(sums[0], sums[1], sums[2], scatter[0], scatter[1], scatter[2], least, t)
+        for j in range(columns.size):
+            out[k, j] = t[columns[j]]

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of
-from prooflight.kernels.statistics.boxes import box_row, take_box_row
+from prooflight.kernels.prediction.filtering import copy_row
+from prooflight.kernels.statistics.tiles import whole_groups
+from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled
 
 SHARES = 4
 """Number of classes of the edges' share of the information, and as many of the information itself."""
@@ -192,16 +198,99 @@ def each_against_own(maps, scatter, least, overlap, values, places):  # type: ig
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def box_rows(cells, mode, y, gains, level, out):  # type: ignore[no-untyped-def]
-    """Compute N, D, C and the edges' part of D of row y of a mode's boxes, out (4, w); N less shares of C."""
-    for part in range(4):
-        box_row(cells[part, mode], y, out[part])
+def box_row(cells, y, out):  # type: ignore[no-untyped-def]
+    """Compute sums of 2 x 2 cells from row y of cells (h, w) on, out (at least w,); 0 beyond the map."""
+    height, last = cells.shape[0], cells.shape[1] - 1
+    top, bottom = cells[y], cells[min(y + 1, height - 1)]
+    share = np.float32(1) if y + 1 < height else np.float32(0)
+    for x in range(last):
+        out[x] = top[x] + top[x + 1] + share * (bottom[x] + bottom[x + 1])
+    out[last] = top[last] + share * bottom[last]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
+    """Subtract shares of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
+    height, last = cells.shape[0], cells.shape[1] - 1
+    top, bottom = cells[y], cells[min(y + 1, height - 1)]
+    for x in range(last):
+        out[x] -= above * (top[x] + top[x + 1]) + below * (bottom[x] + bottom[x + 1])
+    out[last] -= above * top[last] + below * bottom[last]
+
+
+@intrinsic
+def halve_row(context, rows, line, wide, out):  # type: ignore[no-untyped-def]
+    """Copy every other of the first ``wide`` numbers, two groups at once, of a row of rows (n, w) to out (1, w)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        source, target = (Rows(context, builder, signature.args[k], args[k]) for k in (0, 3))
+        none, one, group = (ir.Constant(LONG, number) for number in (0, 1, GROUP))
+        with cgutils.for_range_slice(builder, none, args[2], builder.add(group, group)) as (x, _):
+            halves = source.at(args[1], x).every_other(source.at(args[1], builder.add(x, group)))
+            target.store(none, builder.lshr(x, one), halves)
+        return context.get_dummy_value()
+
+    return types.void(rows, types.int64, types.int64, out), generate
+
+
+@intrinsic
+def sum_boxes(context, push, power, shared, edges, y, gain, gain_below, first, last, out):  # type: ignore[no-untyped-def]
+    """Compute N, D, C and the edges' part of D of boxes from row y and the next of cells on, out (4, w).
+
+    Whole groups from column ``first`` on, up to ``last``, which have neighbours on their right. push, power, shared,
+    edges (h, w): of the cells; N less shares of C, ``gain`` in row y and ``gain_below`` in the next.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        *images, sums = (Rows(context, builder, signature.args[k], args[k]) for k in (0, 1, 2, 3, 9))
+        y, one = args[4], ir.Constant(LONG, 1)
+        gains = [Group(builder, filled(builder, number, GROUP)) for number in args[5:7]]
+        with cgutils.for_range_slice(builder, args[7], args[8], ir.Constant(LONG, GROUP)) as (x, _):
+            right = builder.add(x, one)
+            pairs = [
+                [image.at(line, x) + image.at(line, right) for line in (y, builder.add(y, one))]
+                for image in images
+            ]
+            taken = pairs[2][0] * gains[0] + pairs[2][1] * gains[1]
+            for part, (above, below) in enumerate(pairs):
+                total = above + below if part else above + below - taken
+                sums.store(ir.Constant(LONG, part), x, total)
+        return context.get_dummy_value()
+
+    place, number = types.int64, types.float32
+    return types.void(push, power, shared, edges, place, number, number, place, place, out), generate
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def box_rows(cells, mode, y, gains, larger, half, out):  # type: ignore[no-untyped-def]
+    """Compute N, D, C and the edges' part of D of row y of a mode's boxes, out (4, w); N less a share of C.
+
+    Every other box of every other row is a cell of ``larger``; half (1, w): working space.
+    """
+    push, power, shared, edges = cells[0, mode], cells[1, mode], cells[2, mode], cells[3, mode]
+    last = push.shape[1] - 1
     below = gains[y + 1] if y + 1 < gains.size else np.float32(0)
-    if gains[y] != 0 or below != 0:
-        take_box_row(cells[2, mode], y, gains[y], below, out[0])
-    push, shared, share = out[0], out[2], level[y]
-    for x in range(push.size):
-        push[x] -= shared[x] * share[x]
+    if y + 1 < gains.size and last >= GROUP:
+        for first in (0, last - GROUP):  # the last group overlaps the one before
+            sum_boxes(push, power, shared, edges, y, gains[y], below, first, last - GROUP + 1, out)
+        for part in range(4):
+            out[part, last] = cells[part, mode, y, last] + cells[part, mode, y + 1, last]
+        out[0, last] -= gains[y] * shared[y, last] + below * shared[y + 1, last]
+    else:
+        for part in range(4):
+            box_row(cells[part, mode], y, out[part])
+        take_box_row(shared, y, gains[y], below, out[0])
+    for part in range(4 if y % 2 == 0 else 0):
+        halve_row(out, part, half.shape[1], half)
+        copy_row(half[0, : larger.shape[3]], larger[part, mode, y // 2])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def take_level(level, row):  # type: ignore[no-untyped-def]
+    """Subtract a share of C, level (w,), from N of a row of boxes, row (4, at least w)."""
+    push, shared = row[0], row[2]
+    for x in range(level.size):
+        push[x] -= shared[x] * level[x]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -241,31 +330,34 @@ def most_information(cells, mode, prior, rows):  # type: ignore[no-untyped-def]
 
 @kernel(
     "cells (4, N, H, W), gains (H), level (H, W), prior_power, scatter (M, 3), least, overlap, "
-    "values (M, 5), places (M, 4, 2)",
+    "larger (4, M, -(-H // 2), -(-W // 2)), values (M, 5), places (M, 4, 2)",
     where="0 < M, M <= N",
 )
-def boxes_against_own(cells, gains, level, prior_power, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
+def boxes_against_own(cells, gains, level, prior_power, scatter, least, overlap, larger, values, places):  # type: ignore[no-untyped-def]
     """Find the extremes of T over all boxes, of each mode, as ``each_against_own`` does; the first is common to all.
 
-    cells (4, modes or more, h, w): N, D, C, edges; gains (h,): share of C subtracted from N of each row of cells;
-    level (h, w): the same of each box; prior_power: 1 / the common mode's prior variance.
+    cells (4, modes or more, h, w): N, D, C, edges; boxes are 2 x 2 cells and overlap by half; gains (h,): share of C
+    subtracted from N of each row of cells; level (h, w): the same of each box; prior_power: 1 / the common mode's prior
+    variance. Written to larger: cells of twice the side, which are every other box each way.
     """
     modes, height, width = scatter.shape[0], cells.shape[2], cells.shape[3]
-    light, row, rest = (
-        np.empty((4, width), np.float32),
-        np.empty((4, width), np.float32),
-        np.empty(width, np.float32),
-    )
+    wide = whole_groups(width)
+    # Rows are some 0 longer, since every other box is copied in two groups.
+    light, row = np.zeros((4, wide + GROUP), np.float32), np.zeros((4, wide + GROUP), np.float32)
+    rest, half = np.empty(wide + GROUP, np.float32), np.empty((1, wide), np.float32)
     tally, squares, most = empty_tally(modes, width), np.zeros(modes), np.empty(modes, np.float32)
     for mode in range(modes):
         most[mode] = most_information(cells, mode, prior_power, row)
+    row[:] = np.float32(0)
     for y in range(height):
-        box_rows(cells, 0, y, gains, level, light)
+        box_rows(cells, 0, y, gains, larger, half, light)
+        take_level(level[y], light)
         squares[0] += add_row(light[0], light[1], light[3], scatter[0], least, most[0], y, 0, tally)
         for mode in range(1, modes):
+            box_rows(cells, mode, y, gains, larger, half, row)
             if most[mode] <= least:
                 continue
-            box_rows(cells, mode, y, gains, level, row)
+            take_level(level[y], row)
             rest_row(row[1], row[2], light[1], prior_power, rest)
             take_common(light, prior_power, rest, row)
             squares[mode] += add_row(row[0], rest, row[3], scatter[mode], least, most[mode], y, mode, tally)

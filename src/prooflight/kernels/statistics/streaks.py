@@ -5,11 +5,20 @@ Sums along lines are by the fast discrete Radon transform.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.extremes import greatest_of, smallest_of
+from prooflight.kernels.extremes import greatest_of
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.statistics.boxes import add_to
+from prooflight.kernels.statistics.tiles import whole_groups
+from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled
 
 ABOUT = 16
 """Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
@@ -94,97 +103,129 @@ def widened(maps, count, out):  # type: ignore[no-untyped-def]
                 add_to(row[shift:], sums[: width - shift])
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def doubled(sums, out):  # type: ignore[no-untyped-def]
-    """Combine sums along lines of height h, (strips, h, w), to those of twice the height, out (strips // 2, 2 h, w).
-
-    ``[k, a, x]``: of the line that begins at the top of strip k, at x, and is a further right at its foot.
-    Beyond the right side is 0.
-    """
-    width = sums.shape[2]
-    for k in range(out.shape[0]):
-        for a in range(out.shape[1]):
-            above, row = sums[2 * k, a // 2], out[k, a]
-            below = sums[2 * k + 1, a // 2, min((a + 1) // 2, width) :]
-            for x in range(below.size):
-                row[x] = above[x] + below[x]
-            beyond, rest = above[below.size :], row[below.size :]
-            for x in range(rest.size):
-                rest[x] = beyond[x]
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def signed_squares(push, power, least, out):  # type: ignore[no-untyped-def]
-    """Compute n |n| / d of lines, (strips, h, w) each."""
-    for k in range(out.shape[0]):
-        for a in range(out.shape[1]):
-            n, d, row = push[k, a], power[k, a], out[k, a]
-            for x in range(row.size):
-                row[x] = n[x] * abs(n[x]) / max(d[x], least)
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def limited_squares(above, below, whole, lean, most_of_half, out):  # type: ignore[no-untyped-def]
-    """Write n |n| / d of lines into out (w,), limited by that of their halves; return the greatest and the least.
-
-    The lines lean right by ``lean``; the extremes are at least and at most 0. No line counts for more than
-    ``most_of_half`` times as much as either of its halves, and for nothing where these do not agree, or where
-    it leaves the page.
-    """
-    zero = np.float32(0)
-    within, step = max(out.size - lean, 0), (lean + 1) // 2
-    # Slices of one length, so that the compiler knows that no index is negative, and loops run in vectors.
-    above, below, whole, line = above[:within], below[step : step + within], whole[:within], out[:within]
-    for x in range(line.size):
-        one, other = above[x], below[x]
-        most, least = max(min(one, other), zero), min(max(one, other), zero)
-        line[x] = max(min(whole[x], most_of_half * most), most_of_half * least)
-    out[within:] = zero
-    return greatest_of(line), smallest_of(line)
-
-
 @inner_kernel()
-def place_of(row, value):  # type: ignore[no-untyped-def]
-    """Return the first place of a value in a row that contains it."""
-    x = 0
-    while x < row.size - 1 and row[x] != value:
-        x += 1
-    return x
+def row_of_line(strip, slope, level):  # type: ignore[no-untyped-def]
+    """Return the row in which the lines of a strip of ``2 ** level`` rows are: the slope's bits are reversed."""
+    row = strip
+    for bit in range(level):
+        row = 2 * row + ((slope >> bit) & 1)
+    return row
 
 
-@inner_kernel()
-def extremes_by_slope(halves, wholes, first, most_of_half, above, values, places):  # type: ignore[no-untyped-def]
-    """Find the greatest and least n / sqrt(d) of lines of every slope from ``first`` on.
+@intrinsic
+def join_lines(context, sums, upper, lower, lean, wide):  # type: ignore[no-untyped-def]
+    """Replace sums along halves of lines that lean by ``lean``, two rows of sums (rows, w), by those of whole lines.
 
-    halves (strips, h, w) and wholes (strips // 2, 2 h, w): ``signed_squares`` of the lines' halves and of the lines.
-    above: strips of whole lines above these. Updated: values (2 h, 2), the least with its sign turned; places (2 h, 2,
-    2): strip and x of each.
+    Lines that lean by twice that replace the upper halves, and those that lean by 1 more the lower ones. The first
+    ``wide`` columns, whole groups, are processed; as many 0 as lines may lean follow.
     """
-    line = np.empty(wholes.shape[2], np.float32)
-    for a in range(first, wholes.shape[1]):
-        for k in range(wholes.shape[0]):
-            greatest, smallest = limited_squares(
-                halves[2 * k, a // 2], halves[2 * k + 1, a // 2], wholes[k, a], a, most_of_half, line
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        rows = Rows(context, builder, signature.args[0], args[0])
+        upper, lower, lean, wide = args[1:]
+        steeper = builder.add(lean, ir.Constant(LONG, 1))
+        with cgutils.for_range_slice(builder, ir.Constant(LONG, 0), wide, ir.Constant(LONG, GROUP)) as (x, _):
+            above, near, far = (
+                rows.at(upper, x),
+                rows.at(lower, builder.add(x, lean)),
+                rows.at(lower, builder.add(x, steeper)),
             )
-            for end in range(2):
-                square = -smallest if end else greatest
-                if square > values[a, end] ** 2:
-                    values[a, end] = np.sqrt(square)
-                    places[a, end, 0] = above + k
-                    places[a, end, 1] = place_of(line, smallest if end else greatest)
+            rows.store(upper, x, above + near)
+            rows.store(lower, x, above + far)
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(sums, place, place, place, place), generate
+
+
+@intrinsic
+def any_beyond(context, push, power, upper, lower, step, x, least, most, fewest):  # type: ignore[no-untyped-def]
+    """Return whether n |n| / d of any of sixteen lines from x on is above ``most`` or below ``-fewest``.
+
+    The upper halves of n and d are in row ``upper`` from x on, the lower ones in row ``lower`` from x + step on.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pushes, powers = (Rows(context, builder, signature.args[k], args[k]) for k in (0, 1))
+        upper, lower, step, x = args[2:6]
+        least, most, fewest = (Group(builder, filled(builder, number, GROUP)) for number in args[6:])
+        there = builder.add(x, step)
+        n, d = (rows.at(upper, x) + rows.at(lower, there) for rows in (pushes, powers))
+        excess = n * n - most.chosen(n, ">", 0.0, fewest) * d.at_least(least)
+        return excess.any_above(0.0)
+
+    place, number = types.int64, types.float32
+    return types.boolean(push, power, place, place, place, place, number, number, number), generate
+
+
+@intrinsic
+def limited_squares(context, push, power, upper, lower, step, x, least, most_of_half, out):  # type: ignore[no-untyped-def]
+    """Write n |n| / d of sixteen lines into out (1, 16), limited by that of their halves; the rest as ``any_beyond``.
+
+    No line counts for more than ``most_of_half`` times as much as either of its halves, and for nothing where these do
+    not agree.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pushes, powers, squares = (Rows(context, builder, signature.args[k], args[k]) for k in (0, 1, 8))
+        upper, lower, step, x = args[2:6]
+        least, times = (Group(builder, filled(builder, number, GROUP)) for number in args[6:8])
+        there = builder.add(x, step)
+
+        def square(n: Group, d: Group) -> Group:
+            return n * n.at_least(n * -1.0) / d.at_least(least)
+
+        n, d = pushes.at(upper, x), powers.at(upper, x)
+        other_n, other_d = pushes.at(lower, there), powers.at(lower, there)
+        one, other, whole = square(n, d), square(other_n, other_d), square(n + other_n, d + other_d)
+        most, fewest = one.at_most(other).at_least(0.0), one.at_least(other).at_most(0.0)
+        start = ir.Constant(LONG, 0)
+        squares.store(start, start, whole.at_most(most * times).at_least(fewest * times))
+        return context.get_dummy_value()
+
+    place, number = types.int64, types.float32
+    return types.void(push, power, place, place, place, place, number, number, out), generate
 
 
 @inner_kernel()
-def copy_strip(tiles, top, mirrored, out):  # type: ignore[no-untyped-def]
-    """Copy rows of tiles from ``top`` on into out (rows, 1, w), mirrored where asked; 0 below the last one."""
+def note_lines(push, power, upper, lower, lean, width, limits, strip, line, squares, places):  # type: ignore[no-untyped-def]
+    """Raise squares (2,), the greatest n |n| / d of lines and the least with its sign turned, to those that lean so.
+
+    push, power (rows, w): n and d of their halves, in rows ``upper`` and ``lower``, of which ``width`` columns are the
+    page's. limits: least d, and ``most_of_half``. places (2, 2): strip and x of each. line (1, 16): working space.
+    """
+    least, most_of_half = limits
+    step, within = (lean + 1) // 2, width - lean
+    for first in range(0, within, GROUP):
+        if not any_beyond(push, power, upper, lower, step, first, least, squares[0], squares[1]):
+            continue
+        limited_squares(push, power, upper, lower, step, first, least, most_of_half, line)
+        for k in range(min(GROUP, within - first)):
+            end = 0 if line[0, k] > 0 else 1
+            if abs(line[0, k]) > squares[end]:
+                squares[end] = abs(line[0, k])
+                places[end, 0], places[end, 1] = strip, first + k
+
+
+@inner_kernel()
+def levels_of(tallest):  # type: ignore[no-untyped-def]
+    """Return how often lines are doubled to be so many rows high."""
+    levels = 0
+    while 1 << levels < tallest:
+        levels += 1
+    return levels
+
+
+@inner_kernel()
+def copy_strip(tiles, top, upwards, out):  # type: ignore[no-untyped-def]
+    """Copy rows of tiles from ``top`` on into out (rows, w), the last one first where asked; 0 below the page."""
+    last, width = out.shape[0] - 1, tiles.shape[1]
     for y in range(out.shape[0]):
-        row = out[y, 0]
-        if top + y >= tiles.shape[0]:
-            row[:] = np.float32(0)
-        elif mirrored:
-            row[:] = tiles[top + y, ::-1]
+        row = out[last - y if upwards else y]
+        if top + y < tiles.shape[0]:
+            copy_row(tiles[top + y], row[:width])
         else:
-            row[:] = tiles[top + y]
+            row[:] = np.float32(0)
 
 
 @kernel(
@@ -197,42 +238,52 @@ def slanted(push, power, mirrored, smallest, first, least, most_of_half, values,
 
     n and d are sums along a line. mirrored: the lines lean left, and columns count from the right. Heights are
     smallest, twice that, ..., S rows; slopes a = 0..height of a height are whole columns to the right over it, of
-    which those below first of that height are left out. least: of d, so that little information has little effect;
-    most_of_half: as in ``limited_squares``. Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its
-    top; 0 without information.
+    which those below first of that height are left out; lines that leave the page are, too. least: of d, so that
+    little information has little effect; most_of_half: as in ``limited_squares``. Written: values (L, S, 2), the least
+    with its sign turned, and places (L, S, 2, 2), strip and column at its top; 0 without information.
+
+    A line leans a right from its first row to its last: its upper half leans a // 2, the lower one begins (a + 1) // 2
+    further right and leans as much. Two halves make two lines, whose sums replace theirs.
     """
     values[:] = 0
     places[:] = 0
+    limits = np.float32(least), np.float32(most_of_half)
     width, tallest = push.shape[1], values.shape[1]
+    wide = whole_groups(width)
+    n, d = np.zeros((tallest, wide + tallest), np.float32), np.zeros((tallest, wide + tallest), np.float32)
+    line = np.empty((1, GROUP), np.float32)
     for top in range(0, push.shape[0], tallest):  # these rows stay in the cache through all levels
-        n, d = np.empty((tallest, 1, width), np.float32), np.empty((tallest, 1, width), np.float32)
+        # A line that leans left on its way down leans right on its way up.
         copy_strip(push, top, mirrored, n)
         copy_strip(power, top, mirrored, d)
-        squares = np.empty((tallest, 1, width), np.float32)
-        if smallest == 2:
-            signed_squares(n, d, np.float32(least), squares)
-        level = 0
-        while level < values.shape[0]:
-            tall = 2 * n.shape[1]
-            shape = (tallest // tall, tall, width)
-            longer_n, longer_d = np.empty(shape, np.float32), np.empty(shape, np.float32)
-            doubled(n, longer_n)
-            doubled(d, longer_d)
-            longer_squares = np.empty(shape, np.float32)
-            if 2 * tall >= smallest:
-                signed_squares(longer_n, longer_d, np.float32(least), longer_squares)
-            if tall >= smallest:
-                extremes_by_slope(
-                    squares,
-                    longer_squares,
-                    first[level],
-                    np.float32(most_of_half),
-                    top // tall,
-                    values[level],
-                    places[level],
-                )
-                level += 1
-            n, d, squares = longer_n, longer_d, longer_squares
+        if greatest_of(d.ravel()) <= 0:
+            continue
+        for pair in range(tallest // 2):
+            level, strip = 0, pair
+            while 2 << level <= tallest:  # longer lines as soon as both of their halves are there
+                strips = tallest // (2 << level)
+                height = level + first.size - levels_of(tallest)
+                for half in range(1 << level):
+                    upper, lower = (
+                        row_of_line(2 * strip, half, level),
+                        row_of_line(2 * strip + 1, half, level),
+                    )
+                    for a in range(2 * half, 2 * half + 2):
+                        if height < 0 or a < first[height]:
+                            continue
+                        where = top // tallest * strips + (strips - 1 - strip if mirrored else strip)
+                        to = values[height, a], places[height, a]
+                        note_lines(n, d, upper, lower, a, width, limits, where, line, *to)
+                    if strips > 1:
+                        join_lines(n, upper, lower, half, wide)
+                        join_lines(d, upper, lower, half, wide)
+                if strip % 2 == 0:
+                    break
+                level, strip = level + 1, strip // 2
+    values[:] = np.sqrt(values)
+    if mirrored:
+        for a in range(tallest):
+            places[:, a, :, 1] = np.where(values[:, a] > 0, width - 1 - a - places[:, a, :, 1], 0)
 
 
 @kernel(

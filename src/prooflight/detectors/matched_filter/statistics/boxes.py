@@ -23,7 +23,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.boxes import boxed, ghost_parts, merged, own_of_cells, squares, t_of_boxes
+from prooflight.kernels.statistics.boxes import boxed, ghost_parts, own_of_cells, squares, t_of_boxes
 
 LAGS_MM: Final = (3.0, 60.0)
 DETAIL_MM: Final = 15.0
@@ -50,18 +50,30 @@ class Cells:
         side = self.size * sums.tile_mm
         return column * side / 2 + sums.left_mm, row * side / 2 + sums.top_mm, side, side
 
+    def room(self, modes: int) -> NDArray[np.float32]:
+        """Return an uninitialised array for the sums of cells of twice the side."""
+        return unset((4, modes, *(-(-extent // 2) for extent in self.level.shape)))
+
+    def doubled(self, sums: NDArray[np.float32], common: float) -> Cells:
+        """Return cells of twice the side, whose sums are known; common: as there."""
+        extents, size = sums.shape[-2:], 2 * self.size
+        level = _of_middles(self.level, extents) if size <= SMALL else np.zeros(extents, np.float32)
+        return Cells(sums=sums, size=size, gains=np.zeros(extents[0], np.float32), level=level, common=common)
+
+
+def smallest_cells(sums: Sums, light: NDArray[np.floating]) -> Cells:
+    """Return the cells for boxes of the first of ``SIZES``; light: ``Scatter.light``."""
+    gains, level = flicker(sums), smooth_level(sums)
+    return Cells(sums=sums.tiles, size=SIZES[0], gains=gains, level=level, common=float(light[0]))
+
 
 def cells_of(sums: Sums, light: NDArray[np.floating]) -> Iterator[Cells]:
     """Yield cells for boxes of all ``SIZES`` in turn; light: ``Scatter.light``."""
-    own, gains, level = sums.tiles, flicker(sums), smooth_level(sums)
-    for size, common in zip(SIZES, light.tolist(), strict=True):
-        if size > SIZES[0]:
-            extents = [-(-extent // 2) for extent in own.shape[-2:]]
-            larger = np.empty((4, len(sums.modes), *extents), np.float32)
-            merged(own, gains, larger)
-            own, gains = larger, np.zeros(extents[0], np.float32)
-            level = _of_middles(level, extents) if size <= SMALL else np.zeros(extents, np.float32)
-        yield Cells(sums=own, size=size, gains=gains, level=level, common=common)
+    cells = smallest_cells(sums, light)
+    yield cells
+    for common in light[1:].tolist():
+        cells = cells.doubled(_sums_of_boxes(cells)[:, : len(sums.modes), ::2, ::2].copy(), common)
+        yield cells
 
 
 def _of_middles(level: NDArray[np.float32], extents: Sequence[int]) -> NDArray[np.float32]:
@@ -73,12 +85,17 @@ def _of_middles(level: NDArray[np.float32], extents: Sequence[int]) -> NDArray[n
 
 def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return N', D' and the edges' part of D' of all boxes, (modes, rows, columns) each."""
-    maps = cells.sums[:, : len(MODES)].copy()
-    maps[0] -= maps[2] * cells.gains[:, None]
-    down = np.pad(maps, [(0, 0)] * 2 + [(0, 1)] * 2)
-    maps = down[..., :-1, :-1] + down[..., 1:, :-1] + down[..., :-1, 1:] + down[..., 1:, 1:]
+    maps = _sums_of_boxes(cells)[:, : len(MODES)]
     maps[0] -= maps[2] * cells.level
     return without_common(maps, cells.common)
+
+
+def _sums_of_boxes(cells: Cells) -> NDArray[np.float32]:
+    """Return the sums of 2 x 2 cells without the lamp's flicker; every other one each way is a larger cell."""
+    maps = cells.sums.copy()
+    maps[0] -= maps[2] * cells.gains[:, None]
+    down = np.pad(maps, [(0, 0)] * 2 + [(0, 1)] * 2)
+    return np.asarray(down[..., :-1, :-1] + down[..., 1:, :-1] + down[..., :-1, 1:] + down[..., 1:, 1:])
 
 
 def own_of_tiles(
@@ -86,7 +103,7 @@ def own_of_tiles(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return N', D' and the edges' part of D' of tiles, (modes, rows, columns) each.
 
-    cells: the first of ``cells_of``.
+    cells: ``smallest_cells``.
     """
     maps = unset((len(modes), 3, *cells.level.shape))
     for mode, out in zip(modes, maps, strict=True):

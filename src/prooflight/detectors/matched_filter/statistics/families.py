@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prooflight.cmyk import INK_LETTERS, INKS
-from prooflight.detectors.matched_filter.statistics.boxes import Cells, boxes, cells_of, ghosts
+from prooflight.detectors.matched_filter.statistics.boxes import (
+    Cells,
+    boxes,
+    cells_of,
+    ghosts,
+    smallest_cells,
+)
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
@@ -63,14 +69,14 @@ def all_statistics(
     sums: Sums, marks: Marks, fit: Fit, registration: Registration, scatter: Scatter
 ) -> list[Observed]:
     """Return every statistic of one scan, in a fixed order."""
-    flat, of_sizes = flat_part(sums), list(cells_of(sums, scatter.light))
+    flat, cells = flat_part(sums), smallest_cells(sums, scatter.light)
     return [
-        *_of_modes(sums, of_sizes, flat, scatter),
+        *_of_modes(sums, cells, flat, scatter),
         *of_ghosts(sums, scatter.ghosts, GOOD_PRINTS, OWN_PAGE),
         *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), FLAT_AREAS),
         *of_swapped_planes(sums),
         *of_steps(sums),
-        *of_slants(sums, of_sizes[0], scatter),
+        *of_slants(sums, cells, scatter),
         *_of_fit(fit),
         *_of_place(registration),
         *_of_shifts(sums),
@@ -88,11 +94,11 @@ def screen_statistics(
     """
     sums = sums if sums.modes == SCREEN_MODES else sums.of_modes(SCREEN_MODES)
     own = scatter.of_modes(sums.modes)
-    of_sizes = list(cells_of(sums, own.light))
+    cells, flat = smallest_cells(sums, own.light), flat_part(sums)
     parts: list[Callable[[], list[Observed]]] = [
-        lambda: list(_of_modes(sums, of_sizes, flat_part(sums), own)),
+        *_parts_of_modes(sums, cells, flat, own),
         lambda: [
-            *of_slants(sums, of_sizes[0], own),
+            *of_slants(sums, cells, own),
             *_of_fit(fit),
             *_of_place(registration),
             *of_energy(sums),
@@ -134,16 +140,33 @@ def remaining_statistics(
 def _of_mode_group(sums: Sums, scatter: Scatter, names: tuple[str, ...]) -> list[Observed]:
     """Return the statistics of some modes, light the first, that are not in the screen."""
     own, of_own = sums.of_modes(names), scatter.of_modes(names)
-    of_sizes = list(cells_of(own, of_own.light))
-    every = [*_of_modes(own, of_sizes, flat_part(own), of_own), *of_slants(own, of_sizes[0], of_own)]
+    cells = smallest_cells(own, of_own.light)
+    every = [*_of_modes(own, cells, flat_part(own), of_own), *of_slants(own, cells, of_own)]
     return [one for one in every if not in_screen(one.statistic)]
 
 
-def _of_modes(sums: Sums, of_sizes: Sequence[Cells], flat: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """Yield the statistics of every mode in ``sums``; of_sizes: ``cells_of`` these, scatter: of these modes."""
+def _of_modes(sums: Sums, cells: Cells, flat: Sums, scatter: Scatter) -> list[Observed]:
+    """Return the statistics of every mode in ``sums``; as ``_parts_of_modes``."""
+    return [one for part in _parts_of_modes(sums, cells, flat, scatter) for one in part()]
+
+
+def _parts_of_modes(
+    sums: Sums, cells: Cells, flat: Sums, scatter: Scatter
+) -> list[Callable[[], list[Observed]]]:
+    """Return functions that return the statistics of every mode in ``sums``, and take about as long each.
+
+    cells: ``smallest_cells`` of these; flat: ``flat_part``; scatter: of these modes.
+    """
+    return [
+        lambda: list(of_boxes(sums, cells, scatter, GOOD_PRINTS, OWN_PAGE)),
+        lambda: list(of_boxes(flat, smallest_cells(flat, scatter.light), scatter, FLAT_AREAS)),
+        lambda: list(_of_lines(sums, flat, scatter)),
+    ]
+
+
+def _of_lines(sums: Sums, flat: Sums, scatter: Scatter) -> Iterator[Observed]:
+    """Yield the streaks and waves of every mode; flat: ``flat_part``."""
     waves = waves_of(sums, scatter)
-    yield from of_boxes(sums, of_sizes, scatter, GOOD_PRINTS, OWN_PAGE)
-    yield from of_boxes(flat, cells_of(flat, scatter.light), scatter, FLAT_AREAS)
     yield from of_streaks(sums, scatter, GOOD_PRINTS, OWN_PAGE)
     yield from of_streaks(flat, scatter, FLAT_AREAS)
     yield from of_bands(sums, waves, scatter)

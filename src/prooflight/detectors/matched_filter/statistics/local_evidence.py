@@ -461,7 +461,8 @@ def rows(sums: Sums) -> NDArray[np.float32]:
     screen's beat. The wave is the amplitude of N' that its strongest wave has, if the dots of all tiles are in step.
     """
     tiles = sums.tiles[:, : len(sums.modes)]
-    own, power, edges = without_common(tiles.sum(axis=-1), sums.prior.place)
+    of_rows = tiles @ np.ones(tiles.shape[-1], np.float32)  # a third of the time of ``sum``
+    own, power, edges = without_common(of_rows, sums.prior.place)
     wide = round(2 * PERIODS_MM[1] / sums.tile_mm) | 1
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)

@@ -5,7 +5,7 @@ They are of the whole page, and of places away from edges.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -19,6 +19,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
     QUARTER,
     SEGMENTS,
+    SIZES,
     SPAN_SEGMENTS,
     SPANS,
     WIDTH_UNIT_MM,
@@ -61,15 +62,14 @@ ENERGY: Final = np.array([2.0, 2.0, 0.0])
 NOISE: Final = np.array([1.0, 1.0, 0.0])
 
 
-def of_boxes(
-    sums: Sums, of_sizes: Iterable[Cells], scatter: Scatter, *references: Reference
-) -> Iterator[Observed]:
+def of_boxes(sums: Sums, cells: Cells, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
     """Yield matched filters of every mode, at all boxes of every size, against each of ``references``.
 
-    Against good prints their scatter is a statistic as well. Flat areas have no blur. of_sizes: ``cells_of``.
+    Against good prints their scatter is a statistic as well. Flat areas have no blur. cells: ``smallest_cells``.
     """
-    for place, cells in enumerate(of_sizes):
-        extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+    for place in range(len(SIZES)):
+        larger = cells.room(len(sums.modes))
+        extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP, larger=larger)
         for (mode, ink), most in zip(map(mode_and_ink, sums.modes), extremes, strict=True):
             if mode == "blur" and FLAT_AREAS in references:
                 continue
@@ -80,6 +80,8 @@ def of_boxes(
             if GOOD_PRINTS in references:
                 spread = Statistic("spread", mode, ink, "", cells.size)
                 yield Observed(statistic=spread, value=float(np.log(most.energy + 0.1)))
+        if place + 1 < len(SIZES):
+            cells = cells.doubled(larger, float(scatter.light[place + 1]))
 
 
 def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:

@@ -84,8 +84,13 @@ def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, over
     return _extremes(values, places)
 
 
-def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
-    """Return the extremes of every mode's T over all boxes of 2 x 2 cells."""
+def extremes_of_boxes(
+    cells: Cells, scatter: NDArray[np.float64], *, overlap: float, larger: NDArray[np.float32] | None = None
+) -> list[Most]:
+    """Return the extremes of every mode's T over all boxes of 2 x 2 cells.
+
+    larger: as ``Cells.room``, to which the sums of cells of twice the side are written on the way; None: nowhere.
+    """
     values, places = _nothing(len(scatter))
     boxes_against_own(
         cells.sums,
@@ -95,6 +100,7 @@ def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: fl
         scatter.astype(np.float32),
         np.float32(LEAST_POWER),
         float(overlap),
+        cells.room(len(scatter)) if larger is None else larger,
         values,
         places,
     )

@@ -73,7 +73,7 @@ class Lines(NamedTuple):
 def of_slants(sums: Sums, cells: Cells, scatter: Scatter) -> Iterator[Observed]:
     """Yield the greatest line of each mode, sign and height, and its excess over lines of other slopes.
 
-    cells: the first of ``cells_of``.
+    cells: ``smallest_cells``.
     """
     names = [name for name in SLANT_MODES if name in sums.modes]
     numbers = [sums.modes.index(name) for name in names]

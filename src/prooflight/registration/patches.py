@@ -83,6 +83,10 @@ class Patches:
     pixels]"""
     base: NDArray[np.float32]
     """Inverse variance with planes in register, in the shape of light. [1/DN^2]"""
+    seen: NDArray[np.uint32]
+    """Recipes at the displacements that were rendered last, (sensors, patches, height, width)."""
+    window: NDArray[np.float32]
+    """Light of these, in the same shape. [DN]"""
     most: float = np.inf
     """Cost at which a patch counts half."""
     plane_sd_mm: float = PLANE_SD_MM
@@ -133,6 +137,8 @@ class Patches:
             (image[rows, columns] - sensor.column_offset_dn[columns]) / sensor.column_gain[columns]
             for image, sensor in zip(scan, landmarks.sensors, strict=True)
         ]
+        height, width = (extent - 2 * overlaps.margin for extent in overlaps.packed.shape[1:])
+        room = (len(light), int(seen.sum()), height, width)
         self = cls(
             overlaps=overlaps,
             landmarks=landmarks,
@@ -144,6 +150,8 @@ class Patches:
             light=np.stack(light).astype(np.float32),
             moves=(moves - whole)[seen] * landmarks.ratio,
             base=np.empty(np.shape(light), np.float32),
+            seen=np.empty(room, np.uint32),
+            window=np.empty(room, np.float32),
             plane_sd_mm=plane_sd_mm,
             threads=threads,
         )
@@ -222,6 +230,8 @@ class Patches:
                 margin=overlaps.margin,
                 origins=self.origins[part],
                 moves=self.moves[part],
+                seen=self.seen[index, part],
+                window=self.window[index, part],
             )
             sums = np.empty((len(many), len(patches.packed), SUMS), np.float32)
             fringe_sums(
@@ -232,7 +242,7 @@ class Patches:
                 quantised_table(sensor.mean_dn),
                 taps,
                 noise[index],
-                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps, size=PATCH_PIXELS),
+                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, size=PATCH_PIXELS),
                 not self.left,
                 sums,
             )

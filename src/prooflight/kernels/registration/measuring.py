@@ -58,7 +58,7 @@ class TileWindows(NamedTuple):
     columns: NDArray[np.int64]
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy", forceinline=True)
 def subtract(seen, light, left, part, image, error, base):  # type: ignore[no-untyped-def]
     """Subtract a tile's image from the scan's light, and compute base = 1 / variance; return the image's sum.
 
@@ -134,11 +134,9 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
         sums[k] = s
 
 
-@inner_kernel()
-def fetch_tile(scan, windows, tile, move, size):  # type: ignore[no-untyped-def]
-    """Fetch a tile's window, and its pixels of a scan displaced by move (2,), from memory while another is measured."""
-    area = windows.signals.shape[1] * windows.signals.shape[2]
-    fetch(windows.signals.reshape(-1), tile * area, (tile + 1) * area)
+@inner_kernel(forceinline=True)
+def fetch_pixels(scan, windows, tile, move, size):  # type: ignore[no-untyped-def]
+    """Fetch a tile's pixels of a scan displaced by move (2,) from memory, while another is measured."""
     left, top = windows.columns[tile] + int(np.rint(move[0])), windows.lines[tile] + int(np.rint(move[1]))
     for line in range(max(top, 0), min(top + size, scan.shape[0])):
         fetch(scan[line], left, left + 2 * size - 1)
@@ -168,8 +166,8 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
     errors, weights = error.reshape(-1), base.reshape(-1)
     for n in range(tiles.size):
         tile = tiles[n]
-        if n + 1 < tiles.size:
-            fetch_tile(scan, windows, tiles[n + 1], moves[n + 1], size)
+        following = min(n + 1, tiles.size - 1)
+        fetch_pixels(scan, windows, tiles[following], moves[following], size)
         whole_x, whole_y = int(np.rint(moves[n, 0])), int(np.rint(moves[n, 1]))
         left, top = windows.columns[tile] + whole_x, windows.lines[tile] + whole_y
         i0, i1 = max(-left, 0), min(size, scan.shape[1] - left)
@@ -187,7 +185,8 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
         # Read before any arithmetic, so that the processor waits for all lines of the memory at once.
         for line in range(l0, l1):
             copy_row(scan[top + line, left + i0 : left + i1], seen[line, i0:i1])
-        render_tile(windows.signals[tile], x, y, taps, workspace, image)
+        ahead = windows.signals[tiles[following]]
+        render_tile(windows.signals[tile], x, y, taps, workspace, image, ahead)
         count = (l1 - l0) * (i1 - i0)
         if count < size * size:
             errors[:] = 0

@@ -16,7 +16,16 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 from prooflight.kernels.compiled import inner_kernel
-from prooflight.kernels.vectors import INT, LONG, Group, filled, number_at, sums_of_lines, vector_at
+from prooflight.kernels.vectors import (
+    INT,
+    LONG,
+    Group,
+    fetch_nearby,
+    filled,
+    number_at,
+    sums_of_lines,
+    vector_at,
+)
 
 EIGHT = 8
 SIXTEEN = 2 * EIGHT
@@ -159,12 +168,13 @@ def place_taps(begin, ratio, table, pitch, starts, places):  # type: ignore[no-u
 
 
 @inner_kernel(error_model="numpy", forceinline=True)
-def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-def]
+def render_tile(window, x, y, taps, workspace, out, ahead=None):  # type: ignore[no-untyped-def]
     """Render one tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
     x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach.
     Window rows are whole multiples of 16 long, out's lines of 8, and these of 8 in number. taps: ``SensorTaps``;
-    workspace: ``Workspace``.
+    workspace: ``Workspace``. ahead: the window that is rendered next, which is fetched from memory meanwhile, in pieces
+    that the processor can wait for; None: it is in the cache.
     """
     lines, columns = out.shape[1:]
     value, tilt = workspace.value, workspace.tilt
@@ -173,8 +183,13 @@ def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-
     place_taps(y, taps.along_ratio, taps.along, window.shape[1], line_starts, line_places)
     place_taps(x, taps.across_ratio, taps.across, EIGHT, starts, places)
     first, last = starts[0] // EIGHT // SIXTEEN * SIXTEEN, starts[columns - 1] // EIGHT + taps.across.shape[1]
+    fetched, pieces = 0, lines // EIGHT * ((last - first + SIXTEEN - 1) // SIXTEEN)
+    piece = (window.size + pieces - 1) // pieces
     for line in range(0, lines, EIGHT):
         for k in range(first, last, SIXTEEN):
+            if ahead is not None:
+                fetch_nearby(ahead, fetched, fetched + piece)
+                fetched += piece
             sum_rows(window, k, line_starts, line_places, line, taps.along, taps.along_slope, value, tilt)
         for column in range(0, columns, EIGHT):
             sum_columns(value, tilt, starts, places, column, taps.across, taps.across_slope, out, line)

@@ -16,6 +16,7 @@ from prooflight.detectors.print_prior import PrintPrior
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration.overlaps import overlaps_of
+from prooflight.registration.patches import Patches
 from prooflight.registration.planes import FringeRegister, register_by_fringes, register_far_planes
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
@@ -204,6 +205,23 @@ def test_planes_in_register_stay(two_sensor_press: Press) -> None:
     _, fringes = by_fringes(page, two_sensor_press, page, IN_PLACE)
     assert fringes is not None
     assert not fringes.planes_mm.any()
+
+
+def test_renderings_do_not_depend_on_those_before(two_sensor_press: Press) -> None:
+    """Light that an earlier set of displacements has left is only used where recipes are the same."""
+    page = set_in(FOUR_INKS)
+    landmarks = landmarks_of(page, two_sensor_press)
+    overlaps = overlaps_of(page, landmarks, good_mm=GOOD_MM)
+    assert overlaps is not None
+    scan = scan_of(page, two_sensor_press, IN_PLACE)
+    registration = register(landmarks, scan)
+    many = [tuple(steps) for steps in np.random.default_rng(1).integers(-2, 3, (40, 8)).tolist()]
+    costs = []
+    for order in (many, many[::-1]):
+        patches = Patches.of(overlaps, landmarks, scan, registration)
+        assert patches is not None
+        costs.append(dict(zip(order, patches.costs(order), strict=True)))
+    assert costs[0] == costs[1]
 
 
 def test_a_page_of_one_ink_has_no_shared_edges(two_sensor_press: Press) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from prooflight.kernels.registration.measuring import SUMS, render_tile, solved
+from prooflight.kernels.registration.measuring import SUMS, solved
+from prooflight.kernels.registration.rendering import render_tile
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration import landmarks as landmarks_module
@@ -274,7 +275,7 @@ def test_tiles_are_rendered_as_numpy_does_it(press: Press, ratio: float, off: tu
     out = np.empty((3, TILE, TILE), np.float32)
     x, y = 1.3 + off[0], 1.6 + off[1]
     rendered = njit(lambda *arguments: render_tile(*arguments))
-    rendered(window, x, y, taps, Workspace.of(width, taps, size=TILE), out)
+    rendered(window, x, y, taps, Workspace.of(width, size=TILE), out)
 
     def weights(begin: float, table: NDArray[np.float32]) -> NDArray[np.float64]:
         matrix = np.zeros((TILE, width))

@@ -146,19 +146,27 @@ def vector_at(builder: Any, array: Any, index: Any, count: int) -> Any:
     return builder.bitcast(number_at(builder, array, index), ir.VectorType(FLOAT, count).as_pointer())
 
 
-@intrinsic
-def fetch(context, array, first, last):  # type: ignore[no-untyped-def]
-    """Fetch an array's numbers first .. last - 1, counted from its start, into the cache, without waiting for them."""
+def fetching(nearness: int) -> Any:
+    """Return the intrinsic that fetches into the first cache (3) or into the second (2)."""
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        data = make_array(signature.args[0])(context, builder, args[0]).data
-        whole, byte = ir.IntType(32), ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [byte, whole, whole, whole])
-        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        step = ir.Constant(LONG, LINE_BYTES // (signature.args[0].dtype.bitwidth // 8))
-        with cgutils.for_range_slice(builder, args[1], args[2], step) as (at, _):
-            place = builder.bitcast(number_at(builder, data, at), byte)
-            builder.call(prefetch, [place, whole(0), whole(3), whole(1)])
-        return context.get_dummy_value()
+    @intrinsic
+    def fetch_numbers(context, array, first, last):  # type: ignore[no-untyped-def]
+        """Fetch an array's numbers first .. last - 1, counted from its start, without waiting for them."""
 
-    return types.void(array, types.int64, types.int64), generate
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            data = make_array(signature.args[0])(context, builder, args[0]).data
+            whole, byte = ir.IntType(32), ir.IntType(8).as_pointer()
+            kind = ir.FunctionType(ir.VoidType(), [byte, whole, whole, whole])
+            prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+            step = ir.Constant(LONG, LINE_BYTES // (signature.args[0].dtype.bitwidth // 8))
+            with cgutils.for_range_slice(builder, args[1], args[2], step) as (at, _):
+                place = builder.bitcast(number_at(builder, data, at), byte)
+                builder.call(prefetch, [place, whole(0), whole(nearness), whole(1)])
+            return context.get_dummy_value()
+
+        return types.void(array, types.int64, types.int64), generate
+
+    return fetch_numbers
+
+
+fetch, fetch_nearby = fetching(3), fetching(2)

@@ -202,9 +202,8 @@ def _read(
     scan: NDArray[np.float32], columns: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Interpolate the coarse scan linearly; beyond its border, the value at the border holds."""
-    short = -columns.size % POINTS_PER_ROW
-    maps = [
-        np.pad(axis, (0, short)).astype(np.float32).reshape(-1, POINTS_PER_ROW) for axis in (columns, rows)
-    ]
-    read = cv2.remap(scan, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    maps = np.zeros((2, columns.size + -columns.size % POINTS_PER_ROW), np.float32)
+    maps[:, : columns.size] = columns, rows
+    across, along = maps.reshape(2, -1, POINTS_PER_ROW)
+    read = cv2.remap(scan, across, along, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return read.ravel()[: columns.size]

@@ -241,7 +241,7 @@ class Field:
 
 def _waves_first(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return unknowns (.., n) in the order of ``Field.root``: a fit with other planes has the same waves."""
-    return np.roll(unknowns, -SMOOTH, axis=-1)
+    return np.concatenate([unknowns[..., SMOOTH:], unknowns[..., :SMOOTH]], axis=-1)
 
 
 def _scale(basis: Basis, count: int) -> NDArray[np.float64]:
@@ -312,7 +312,8 @@ def fitted(
         solution[of_pose] += mean / scale[of_pose]
         forward(factor, solution[None])
         backward(factor, solution)
-        solution = np.roll(solution * scale, SMOOTH)
+        solution *= scale
+        solution = np.concatenate([solution[-SMOOTH:], solution[:-SMOOTH]])
         left = moves_mm - np.einsum("anj,j->na", fixed, solution[:SMOOTH])
         left -= at @ solution[SMOOTH:].reshape(2, count).T
         if not last:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.kernels.registration.measuring import SensorTaps
+    from prooflight.prediction.quantised_table import QuantisedTable
     from prooflight.registration.landmarks import Landmarks
     from prooflight.registration.overlaps import Overlaps
     from prooflight.registration.register import Registration
@@ -61,6 +63,25 @@ LEAST_COST: Final = 0.05
 """Least cost of a pixel: noise is never less."""
 
 
+class _Renderer(NamedTuple):
+    """What renders some of the patches for one sensor, again and again."""
+
+    patches: SensorPatches
+    table: QuantisedTable
+    taps: SensorTaps
+    noise: NDArray[np.float32]
+    workspace: Workspace
+
+    def sums(
+        self, right: NDArray[np.int64], down: NDArray[np.int64], shifts: NDArray[np.float64], first: bool
+    ) -> NDArray[np.float32]:
+        """Return ``fringe_sums``."""
+        sums = np.empty((len(right), len(self.patches.packed), SUMS), np.float32)
+        patches, table, taps, noise, workspace = self
+        fringe_sums(patches, right, down, shifts, table, taps, noise, workspace, first, sums)
+        return sums
+
+
 @dataclass(slots=True, kw_only=True, eq=False)
 class Patches:
     """Patches of one scan, and their cost as a function of the planes' displacements."""
@@ -81,8 +102,6 @@ class Patches:
     moves: NDArray[np.float64]
     """Fraction of the displacement beyond the whole pixels at which light was taken, (patches, 2). [raster
     pixels]"""
-    base: NDArray[np.float32]
-    """Inverse variance with planes in register, in the shape of light. [1/DN^2]"""
     most: float = np.inf
     """Cost at which a patch counts half."""
     plane_sd_mm: float = PLANE_SD_MM
@@ -93,6 +112,8 @@ class Patches:
     """Divisor of the costs that makes their differences logarithms of odds."""
     misfit: float = 0.0
     """Cost of a pixel of the median patch at the best displacements. [-]"""
+    renderers: list[_Renderer] = field(default_factory=list)
+    """What renders the patches, from the first time on."""
     left: dict[Steps, NDArray[np.float64]] = field(default_factory=dict)
     """Results of ``without_light`` by displacement."""
     cached_costs: dict[Steps, tuple[float, float, float]] = field(default_factory=dict)
@@ -143,7 +164,6 @@ class Patches:
             origins=overlaps.origins[seen],
             light=np.stack(light).astype(np.float32),
             moves=(moves - whole)[seen] * landmarks.ratio,
-            base=np.empty(np.shape(light), np.float32),
             plane_sd_mm=plane_sd_mm,
             threads=threads,
         )
@@ -172,20 +192,19 @@ class Patches:
 
     def _evaluate(self, many: Sequence[Steps]) -> None:
         """Compute and store the costs of all these displacements."""
-        if new := [steps for steps in dict.fromkeys(many) if steps not in self.left]:
-            self.left.update(zip(new, self._rendered(new), strict=True))
-        if new := [steps for steps in dict.fromkeys(many) if steps not in self.cached_costs]:
-            shared, _ = self._shared(new)
-            off = np.array(new) * (self.overlaps.pixel_mm / self.plane_sd_mm)
-            costs = shared[:, 0] / self.scale + np.square(off).sum(axis=1) / 2
-            moves = shared[:, 1:].tolist()
-            self.cached_costs.update(
-                (steps, (cost, x, y)) for steps, cost, (x, y) in zip(new, costs.tolist(), moves, strict=True)
-            )
+        if not (new := [steps for steps in dict.fromkeys(many) if steps not in self.cached_costs]):
+            return
+        if unseen := [steps for steps in new if steps not in self.left]:
+            self.left.update(zip(unseen, self._rendered(unseen), strict=True))
+        shared, _ = self._shared(new)
+        off = np.array(new) * (self.overlaps.pixel_mm / self.plane_sd_mm)
+        costs = shared[:, 0] / self.scale + np.square(off).sum(axis=1) / 2
+        values = zip(costs.tolist(), *shared[:, 1:].T.tolist(), strict=True)
+        self.cached_costs.update(zip(new, values, strict=True))
 
     def _shared(self, many: Sequence[Steps]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ``shared_costs`` of the stored renderings."""
-        left = np.stack([self.left[steps] for steps in many])
+        left = np.array([self.left[steps] for steps in many])
         shared, costs = np.empty((len(many), 3)), np.empty(left.shape[:2])
         shared_costs(left, OWN_SD, COMMON_SD, self.most, shared, costs)
         return shared, costs
@@ -202,51 +221,49 @@ class Patches:
 
     def _rendered(self, many: Sequence[Steps]) -> NDArray[np.float64]:
         """Return ``without_light`` of every patch for each set of displacements, (k, patches, 6)."""
-        landmarks, overlaps = self.landmarks, self.overlaps
         right, down = np.array(many).reshape(-1, 2, INKS).transpose(1, 0, 2).copy()
-        shifts = self._centred(many)
+        first = not self.renderers
+        if first:
+            self.renderers = self._all_renderers()
+        shifts, sensors = self._centred(many), self.landmarks.sensors
+        tasks = [partial(each.sums, right, down, shifts, first) for each in self.renderers]
+        sums = np.concatenate(shared_out(tasks, threads=self.threads), axis=1)
+        sums = sums.reshape(len(many), len(sensors), -1, SUMS).swapaxes(0, 1)
+        left = np.empty((len(many), len(self.packed), 6))
+        level_sd = np.array([LEVEL_SD * one.white_dn for one in sensors])
+        without_light(sums.reshape(len(sums), -1, SUMS), level_sd, GAIN_SD, left.reshape(-1, 6))
+        return left
+
+    def _all_renderers(self) -> list[_Renderer]:
+        """Return what renders each sensor's parts of the patches, sensor by sensor."""
+        landmarks, overlaps = self.landmarks, self.overlaps
         # A stated screen has more contrast than tiles are allowed where none is.
         beyond = landmarks.halftone**2 - HALFTONE**2
         halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2 + beyond
-        noise = [
-            pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE) for sensor in landmarks.sensors
-        ]
-        parts = parts_of(len(self.packed), self.threads)
-
-        def summed(index: int, part: slice) -> NDArray[np.float32]:
-            sensor, taps = landmarks.sensors[index], landmarks.taps[index]
-            patches = SensorPatches(
-                light=self.light[index, part],
-                base=self.base[index, part],
-                packed=self.packed[part],
-                margin=overlaps.margin,
-                origins=self.origins[part],
-                moves=self.moves[part],
-            )
-            sums = np.empty((len(many), len(patches.packed), SUMS), np.float32)
-            fringe_sums(
-                patches,
-                right,
-                down,
-                shifts,
-                quantised_table(sensor.mean_dn),
-                taps,
-                noise[index],
-                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps, size=PATCH_PIXELS),
-                not self.left,
-                sums,
-            )
-            return sums
-
-        every = range(len(self.light))
-        by_part = shared_out(
-            [partial(summed, index, slice(*part)) for index in every for part in parts], threads=self.threads
-        )
-        sums = np.concatenate(by_part, axis=1).reshape(len(many), len(every), -1, SUMS).swapaxes(0, 1)
-        left = np.empty((len(many), len(self.packed), 6))
-        level_sd = np.array([LEVEL_SD * one.white_dn for one in landmarks.sensors])
-        without_light(sums.reshape(len(sums), -1, SUMS), level_sd, GAIN_SD, left.reshape(-1, 6))
-        return left
+        height, width = (extent - 2 * overlaps.margin for extent in self.packed.shape[1:])
+        renderers = []
+        for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
+            for part in (slice(*each) for each in parts_of(len(self.packed), self.threads)):
+                packed = self.packed[part]
+                patches = SensorPatches(
+                    light=self.light[index, part],
+                    base=np.empty(self.light[index, part].shape, np.float32),
+                    packed=packed,
+                    margin=overlaps.margin,
+                    origins=self.origins[part],
+                    moves=self.moves[part],
+                    seen=np.empty((len(packed), height, width), np.uint32),
+                    window=np.empty((len(packed), height, width), np.float32),
+                )
+                renderer = _Renderer(
+                    patches=patches,
+                    table=quantised_table(sensor.mean_dn),
+                    taps=taps,
+                    noise=pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE),
+                    workspace=Workspace.of(width, size=PATCH_PIXELS),
+                )
+                renderers.append(renderer)
+        return renderers
 
 
 def _moves(overlaps: Overlaps, landmarks: Landmarks, placement: Placement, lines: int) -> NDArray[np.float64]:

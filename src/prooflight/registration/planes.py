@@ -51,6 +51,8 @@ FAR_STEPS: Final = 3
 """Distance of places from which a plane of a misprint is looked for: strokes are wider. [raster pixels]"""
 
 
+Ways = tuple[tuple[int, int], ...]
+"""Planes, each with -1 or 1: a step of a raster pixel to the left or right, or up or down."""
 PAIRS_OF: Final = {count: np.array([*combinations(range(count), 2)]).T for count in (3, 4)}
 """Pairs (2, n) among so many planes."""
 
@@ -224,12 +226,11 @@ def _descended(patches: Patches, best: Steps) -> Steps:
 
 def _singles(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     """Return all steps of one plane by a raster pixel either way, within the range of good prints."""
-    return [_stepped(steps, axis, {ink: way}) for ink, way in _ways(patches, steps, axis)]
+    return _moved_by(steps, _steps_of_planes(_ways(patches, steps, axis), axis, 1))
 
 
 def _pairs(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
-    ways = _ways(patches, steps, axis)
-    return [_stepped(steps, axis, dict((ways[i], ways[j]))) for i, j in _of_planes(tuple(ways), 2).tolist()]
+    return _moved_by(steps, _steps_of_planes(_ways(patches, steps, axis), axis, 2))
 
 
 def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
@@ -238,26 +239,40 @@ def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     here, *ones = patches.costs([steps, *_singles(patches, steps, axis)])
     single = np.array(ones) - here
     pair = np.zeros((len(ways), len(ways)))
-    pair[tuple(_of_planes(tuple(ways), 2).T)] = patches.costs(_pairs(patches, steps, axis))
+    pair[tuple(_of_planes(ways, 2).T)] = patches.costs(_pairs(patches, steps, axis))
     candidates: list[tuple[float, Steps]] = []
     for count in (3, 4):
-        more = _of_planes(tuple(ways), count)
+        more = _of_planes(ways, count)
         i, j = (more[:, places] for places in PAIRS_OF[count])
         of_pairs = (pair[i, j] - here - single[i] - single[j]).sum(axis=1)
         predicted = of_pairs + single[more].sum(axis=1)
-        most = np.sort(predicted)[:TRIED].max(initial=-np.inf)
-        for at in np.flatnonzero(predicted <= most):
-            stepped = _stepped(steps, axis, dict(ways[way] for way in more[at]))
-            candidates.append((float(predicted[at]), stepped))
+        chosen = np.flatnonzero(predicted <= np.sort(predicted)[:TRIED].max(initial=-np.inf))
+        stepped = _moved_by(steps, _steps_of_planes(ways, axis, count)[chosen])
+        candidates += zip(predicted[chosen].tolist(), stepped, strict=True)
     return [other for _, other in sorted(candidates)[:TRIED]]
 
 
 @lru_cache(maxsize=64)
-def _of_planes(ways: tuple[tuple[int, int], ...], count: int) -> NDArray[np.int64]:
+def _of_planes(ways: Ways, count: int) -> NDArray[np.int64]:
     """Return the combinations (n, count) of the ways, by their indices, in which every way is of another plane."""
     every = combinations(range(len(ways)), count)
     different = [some for some in every if len({ways[way][0] for way in some}) == count]
     return np.array(different, np.int64).reshape(-1, count)
+
+
+@lru_cache(maxsize=64)
+def _steps_of_planes(ways: Ways, axis: int, count: int) -> NDArray[np.int64]:
+    """Return the steps (n, 8) of so many planes at once along an axis, each its way."""
+    every = _of_planes(ways, count)
+    by = np.zeros((len(every), 2 * INKS), np.int64)
+    ink, way = np.array(ways, np.int64).reshape(-1, 2).T
+    by[np.arange(len(every))[:, None], INKS * axis + ink[every]] = way[every]
+    return by
+
+
+def _moved_by(steps: Steps, by: NDArray[np.int64]) -> list[Steps]:
+    """Return the displacements after each of the steps (n, 8)."""
+    return [*map(tuple, (np.array(steps) + by).tolist())]
 
 
 def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
@@ -279,15 +294,15 @@ def _mirrored(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     return [(*back[0], *along), (*across, *back[1]), (*back[0], *back[1])]
 
 
-def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
+def _ways(patches: Patches, steps: Steps, axis: int) -> Ways:
     """Return the planes and the ways in which they may go a raster pixel further."""
-    reach = patches.overlaps.reach
-    return [
+    reach, first = patches.overlaps.reach, INKS * axis
+    return tuple(
         (ink, way)
         for ink in patches.overlaps.inks
         for way in (-1, 1)
-        if abs(steps[INKS * axis + ink] + way) <= reach
-    ]
+        if abs(steps[first + ink] + way) <= reach
+    )
 
 
 def _stepped(steps: Steps, axis: int, by: dict[int, int]) -> Steps:

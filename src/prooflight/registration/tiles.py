@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from prooflight.kernels.registration.measuring import SUMS, SensorLight, TileWindows, measure_tiles
-from prooflight.kernels.registration.rendering import EIGHT, FOUR
+from prooflight.kernels.registration.rendering import EIGHT
 from prooflight.kernels.registration.solving import solve_tiles
 from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE
@@ -17,7 +17,6 @@ from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.kernels.registration.measuring import SensorTaps
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.landmarks import Landmarks
 
@@ -32,22 +31,20 @@ class Workspace(NamedTuple):
     """Buffers of one thread for rendering a tile."""
 
     value: NDArray[np.float32]
-    """Signal of four rows, (4 x width of a window and more,), 0 beyond the window."""
-    slope: NDArray[np.float32]
-    begins: NDArray[np.int64]
-    weights: NDArray[np.float32]
-    by_move: NDArray[np.float32]
-    starts: NDArray[np.int64]
+    """Sums of raster rows for eight lines, (8 x width of a window,)."""
+    tilt: NDArray[np.float32]
+    """Their derivatives by the page's displacement along."""
+    lines: NDArray[np.int64]
+    """Where each line's raster rows and weights begin, (2, size)."""
+    columns: NDArray[np.int64]
+    """The same of each column's raster columns."""
 
     @classmethod
-    def of(cls, width: int, taps: SensorTaps, *, size: int) -> Self:
+    def of(cls, width: int, *, size: int) -> Self:
         """Allocate buffers for windows of that width and tiles of size x size pixels."""
-        pixels = int(np.ceil((EIGHT - 1) * taps.across_ratio)) + taps.across.shape[1] + 1
-        blocks = size // EIGHT
-        value, slope = np.zeros((2, FOUR * (width + pixels)), np.float32)
-        weights, by_move = np.empty((2, blocks * pixels * EIGHT), np.float32)
-        begins, starts = np.empty(blocks, np.int64), np.empty(taps.along.shape[1], np.int64)
-        return cls(value=value, slope=slope, begins=begins, weights=weights, by_move=by_move, starts=starts)
+        value, tilt = np.empty((2, EIGHT * width), np.float32)
+        lines, columns = np.empty((2, 2, size), np.int64)
+        return cls(value=value, tilt=tilt, lines=lines, columns=columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,5 +168,5 @@ def _measure(
         columns=landmarks.columns,
     )
     size = landmarks.tile_pixels
-    workspace = Workspace.of(landmarks.windows.shape[3], taps, size=size)
+    workspace = Workspace.of(landmarks.windows.shape[3], size=size)
     measure_tiles(scan[index], lost[index], light, windows, taps, tiles, moves, size, workspace, sums)

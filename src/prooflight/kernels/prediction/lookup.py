@@ -178,6 +178,13 @@ def masks_of(bits):  # type: ignore[no-untyped-def]
     return cells, np.uint32(~cells)
 
 
+@inner_kernel()
+def bits_of(table):  # type: ignore[no-untyped-def]
+    """Return the bits of a ``QuantisedTable``'s cells and of its inner fractions, as ``lookup_eight`` takes them."""
+    b = table.bits
+    return b[0], b[1], b[2], b[3], np.uint32(np.uint32(16) - b[0] - b[1])
+
+
 @kernel(
     "packed (N), table.codes (65536, 16), table.inner (_, 4), table.outer (_, 8), table.bits (4), "
     "level, out (N)",
@@ -188,10 +195,7 @@ def lookup_light(packed, table, level, out):  # type: ignore[no-untyped-def]
 
     Eight recipes equal to the one before, half of every page, are not looked up.
     """
-    b = table.bits
-    inner_bits = np.uint32(np.uint32(16) - b[0] - b[1])
-    bits = (b[0], b[1], b[2], b[3], inner_bits)
-    masks = masks_of(b)
+    bits, masks = bits_of(table), masks_of(table.bits)
     before = level + table.offset
     last = np.uint32(~packed[0])
     value = np.float32(0)

@@ -8,9 +8,8 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
-from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_fewest, sum_many
 from prooflight.kernels.registration.field import backward, cholesky, forward
-from prooflight.kernels.registration.rendering import EIGHT, FOUR, sum_eight
+from prooflight.kernels.registration.rendering import render_tile
 from prooflight.kernels.vectors import fetch
 
 if TYPE_CHECKING:
@@ -59,97 +58,7 @@ class TileWindows(NamedTuple):
     columns: NDArray[np.int64]
 
 
-@inner_kernel(error_model="numpy")
-def spread_taps(x, sensor_taps, workspace):  # type: ignore[no-untyped-def]
-    """Compute weights of raster pixels for each eight columns, for ``sum_eight``: (blocks x pixels x 8,) each.
-
-    x: raster coordinate of the first column's centre less the footprint's reach; sensor_taps: ``SensorTaps``. Of the
-    workspace ``begins`` (blocks,), of each eight columns the first raster pixel, ``weights`` and ``by_move`` are
-    written. Returns how many raster pixels each eight columns see.
-    """
-    taps, slopes, ratio = sensor_taps.across, sensor_taps.across_slope, sensor_taps.across_ratio
-    begins, weights, by_move = workspace.begins, workspace.weights, workspace.by_move
-    phases, count = taps.shape
-    pixels = int(np.ceil((EIGHT - 1) * ratio)) + count + 1
-    weights[: begins.size * pixels * EIGHT] = 0
-    by_move[: begins.size * pixels * EIGHT] = 0
-    for block in range(begins.size):
-        begins[block] = int(x + block * EIGHT * ratio)
-        for i in range(EIGHT):
-            at = x + (block * EIGHT + i) * ratio
-            first = int(at)
-            phase = int((at - first) * phases)
-            place = (block * pixels + first - begins[block]) * EIGHT + i
-            for t in range(count):
-                weights[place + t * EIGHT] = taps[phase, t]
-                by_move[place + t * EIGHT] = slopes[phase, t]
-    return pixels
-
-
-@inner_kernel(error_model="numpy")
-def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-def]
-    """Render one tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
-
-    x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach.
-    Window rows and out's lines are whole multiples of 8 long, and these of 4 in number. taps: ``SensorTaps``;
-    workspace: ``Workspace``.
-    """
-    render_lines(window, spread_taps(x, taps, workspace), y, taps, workspace, out)
-
-
-@inner_kernel(error_model="numpy")
-def render_lines(window, pixels, y, taps, workspace, out):  # type: ignore[no-untyped-def]
-    """Run ``render_tile`` with weights across that ``spread_taps`` has written: pixels is its result."""
-    taps_y, slopes_y, ratio_y = taps.along, taps.along_slope, taps.along_ratio
-    phases, count = taps_y.shape
-    lines, columns = out.shape[1:]
-    width = window.shape[1]
-    flat = window.reshape(-1)
-    value, slope = workspace.value, workspace.slope
-    pitch = value.size // FOUR
-    m, by_x, by_y = out[0].reshape(-1), out[1].reshape(-1), out[2].reshape(-1)
-    for line in range(lines):
-        at = y + line * ratio_y
-        first = int(at)
-        phase = int((at - first) * phases)
-        for t in range(count):
-            workspace.starts[t] = (first + t) * width
-        w, s = taps_y[phase], slopes_y[phase]
-        row = line % FOUR * pitch
-        values, slopes = value[row : row + width], slope[row : row + width]
-        k = 0
-        while k + MANY <= width:
-            sum_many(flat, workspace.starts, k, w, 0, count, values, k)
-            sum_many(flat, workspace.starts, k, s, 0, count, slopes, k)
-            k += MANY
-        while k + FEW <= width:
-            sum_few(flat, workspace.starts, k, w, 0, count, values, k)
-            sum_few(flat, workspace.starts, k, s, 0, count, slopes, k)
-            k += FEW
-        if k < width:
-            sum_fewest(flat, workspace.starts, k, w, 0, count, values, k)
-            sum_fewest(flat, workspace.starts, k, s, 0, count, slopes, k)
-        if line % FOUR < FOUR - 1:
-            continue
-        for block in range(columns // EIGHT):
-            sum_eight(
-                value,
-                slope,
-                workspace.begins[block],
-                pitch,
-                workspace.weights,
-                workspace.by_move,
-                block * pixels,
-                pixels,
-                m,
-                by_x,
-                by_y,
-                (line - FOUR + 1) * columns + block * EIGHT,
-                columns,
-            )
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy", forceinline=True)
 def subtract(seen, light, left, part, image, error, base):  # type: ignore[no-untyped-def]
     """Subtract a tile's image from the scan's light, and compute base = 1 / variance; return the image's sum.
 
@@ -177,7 +86,7 @@ def subtract(seen, light, left, part, image, error, base):  # type: ignore[no-un
     return total
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy", forceinline=True)
 def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type: ignore[no-untyped-def]
     """Sum up normal equations of offset, gain and displacement of one tile; all (pixels,), in any order.
 
@@ -225,11 +134,9 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
         sums[k] = s
 
 
-@inner_kernel()
-def fetch_tile(scan, windows, tile, move, size):  # type: ignore[no-untyped-def]
-    """Fetch a tile's window, and its pixels of a scan displaced by move (2,), from memory while another is measured."""
-    area = windows.signals.shape[1] * windows.signals.shape[2]
-    fetch(windows.signals.reshape(-1), tile * area, (tile + 1) * area)
+@inner_kernel(forceinline=True)
+def fetch_pixels(scan, windows, tile, move, size):  # type: ignore[no-untyped-def]
+    """Fetch a tile's pixels of a scan displaced by move (2,) from memory, while another is measured."""
     left, top = windows.columns[tile] + int(np.rint(move[0])), windows.lines[tile] + int(np.rint(move[1]))
     for line in range(max(top, 0), min(top + size, scan.shape[0])):
         fetch(scan[line], left, left + 2 * size - 1)
@@ -239,9 +146,9 @@ def fetch_tile(scan, windows, tile, move, size):  # type: ignore[no-untyped-def]
     "scan (L, P), lost (L), light.offset (P), light.per_gain (P), light.noise (4), windows.signals (A, _, W), "
     "windows.origins (A, 2), windows.lines (A), windows.columns (A), taps.across (_, X), "
     "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), tiles (N), moves (N, 2), size, "
-    "workspace.value (V), workspace.slope (V), workspace.begins (size // EIGHT), workspace.weights (B), "
-    "workspace.by_move (B), workspace.starts (Y), sums (N, SUMS + 1)",
-    where="FOUR * W <= V",
+    "workspace.value (V), workspace.tilt (V), workspace.lines (2, size), workspace.columns (2, size), "
+    "sums (N, SUMS + 1)",
+    where="8 * W <= V, W % 16 == 0, size % 8 == 0",
     error_model="numpy",
 )
 def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
@@ -259,8 +166,8 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
     errors, weights = error.reshape(-1), base.reshape(-1)
     for n in range(tiles.size):
         tile = tiles[n]
-        if n + 1 < tiles.size:
-            fetch_tile(scan, windows, tiles[n + 1], moves[n + 1], size)
+        following = min(n + 1, tiles.size - 1)
+        fetch_pixels(scan, windows, tiles[following], moves[following], size)
         whole_x, whole_y = int(np.rint(moves[n, 0])), int(np.rint(moves[n, 1]))
         left, top = windows.columns[tile] + whole_x, windows.lines[tile] + whole_y
         i0, i1 = max(-left, 0), min(size, scan.shape[1] - left)
@@ -278,7 +185,8 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
         # Read before any arithmetic, so that the processor waits for all lines of the memory at once.
         for line in range(l0, l1):
             copy_row(scan[top + line, left + i0 : left + i1], seen[line, i0:i1])
-        render_tile(windows.signals[tile], x, y, taps, workspace, image)
+        ahead = windows.signals[tiles[following]]
+        render_tile(windows.signals[tile], x, y, taps, workspace, image, ahead)
         count = (l1 - l0) * (i1 - i0)
         if count < size * size:
             errors[:] = 0

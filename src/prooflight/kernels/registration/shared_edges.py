@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.prediction.lookup import lookup_light
-from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_lines, spread_taps, weighted_sums
-from prooflight.kernels.registration.rendering import EIGHT
+from prooflight.kernels.prediction.lookup import bits_of, lookup_eight, lookup_light, masks_of
+from prooflight.kernels.registration.measuring import NO_ESTIMATE, weighted_sums
+from prooflight.kernels.registration.rendering import EIGHT, displace_eight, render_tile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,6 +37,10 @@ class SensorPatches(NamedTuple):
     """Start of the first footprint in the window, (patches, 2). [raster pixels]"""
     moves: NDArray[np.float64]
     """Displacement of the page, (patches, 2). [raster pixels]"""
+    seen: NDArray[np.uint32]
+    """Recipes of the set of displacements that was rendered last, (patches, height, width)."""
+    window: NDArray[np.float32]
+    """Light of these, in the same shape. [DN]"""
 
 
 @kernel(
@@ -87,23 +91,38 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
             pair += 1
 
 
-@inner_kernel()
-def displace_planes(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
-    """Displace a packed raster's planes by right, down (4,): seen (rows, columns), from row top, column left on."""
-    for row in range(seen.shape[0]):
-        line = seen[row]
-        y = row + top
-        c = packed[y - down[0], left - right[0] : left - right[0] + line.size]
-        m = packed[y - down[1], left - right[1] : left - right[1] + line.size]
-        k = packed[y - down[2], left - right[2] : left - right[2] + line.size]
-        b = packed[y - down[3], left - right[3] : left - right[3] + line.size]
-        for i in range(line.size):
-            line[i] = (
-                (c[i] & np.uint32(0xFF))
-                | (m[i] & np.uint32(0xFF00))
-                | (k[i] & np.uint32(0xFF0000))
-                | (b[i] & np.uint32(0xFF000000))
-            )
+@inner_kernel(forceinline=True)
+def render_light(packed, part, right, down, table, bits, masks, seen, window, changed):  # type: ignore[no-untyped-def]
+    """Displace a packed raster's planes by right, down (4,), and look up those groups of eight recipes that change.
+
+    packed: around the patch, with the same margin on all sides; part: its rows and columns that are seen, first and
+    last each, without the margin. seen, window (height, width): recipes and their light, which go together before and
+    after; table: ``QuantisedTable``, with its bits and masks; changed: room for as many numbers as there are groups.
+    """
+    first_row, last_row, first_column, last_column = part
+    width, across = seen.shape[1], packed.shape[1]
+    margin = (across - width) // 2
+    c, m = down[0] * across + right[0], down[1] * across + right[1]
+    y, k = down[2] * across + right[2], down[3] * across + right[3]
+    count = 0
+    for row in range(first_row, last_row):
+        for column in range(first_column // EIGHT * EIGHT, last_column, EIGHT):
+            place, at = (row + margin) * across + margin + column, row * width + column
+            changed[count] = at  # a list: the processor could not foresee which groups are to be looked up
+            count += displace_eight(packed, place - c, place - m, place - y, place - k, seen, at)
+    for n in range(count):
+        lookup_eight(
+            table.codes,
+            table.inner,
+            table.outer,
+            seen,
+            bits,
+            changed[n],
+            masks,
+            table.unit,
+            table.offset,
+            window,
+        )
 
 
 @inner_kernel(error_model="numpy")
@@ -113,16 +132,15 @@ def footprint_pixels(taps, ratio, size):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(error_model="numpy")
-def within(place, pixels, part, whole):  # type: ignore[no-untyped-def]
-    """Return the start of the part of a window with ``pixels`` from a place on, and the place within that part.
+def within(place, pixels, whole):  # type: ignore[no-untyped-def]
+    """Return a place in a window of ``whole`` raster pixels, moved to its end if ``pixels`` from it on are not within.
 
-    part, whole: their lengths. A place displaced beyond the window is moved to its end. [raster pixels]
+    Of a window with room for displacements only the part that a patch sees is rendered.
     """
-    first = min(max(int(np.floor(place)), 0), whole - part)
-    return first, min(max(place - first, 0.0), part - pixels + LAST_PHASE)
+    return min(max(place, 0.0), whole - pixels + LAST_PHASE)
 
 
-@inner_kernel(fastmath=True)
+@inner_kernel(fastmath=True, forceinline=True)
 def difference(light, image, error):  # type: ignore[no-untyped-def]
     """Compute the light (pixels,) less its image; return the image's sum."""
     total = np.float32(0)
@@ -144,12 +162,14 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
 
 @kernel(
     "patches.light (N, S, S), patches.base (N, S, S), patches.packed (N, H, W), patches.margin, "
-    "patches.origins (N, 2), patches.moves (N, 2), right (K, 4), down (K, 4), shifts (K, 2), "
+    "patches.origins (N, 2), patches.moves (N, 2), patches.seen (N, H - 2 * patches.margin, W - 2 * patches.margin), "
+    "patches.window (N, H - 2 * patches.margin, W - 2 * patches.margin), right (K, 4), down (K, 4), shifts (K, 2), "
     "quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), quantised.bits (4), "
     "taps.across (_, X), taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), noise (4), "
-    "workspace.value (V), workspace.slope (V), workspace.begins (D), workspace.weights (B), "
-    "workspace.by_move (B), workspace.starts (Y), first, sums (K, N, SUMS)",
-    where="0 <= patches.margin, 4 * (W - 2 * patches.margin) <= V, S <= 8 * D",
+    "workspace.value (V), workspace.tilt (V), workspace.lines (2, S), workspace.columns (2, S), "
+    "first, sums (K, N, SUMS)",
+    where="0 <= patches.margin, EIGHT * (W - 2 * patches.margin) <= V, (W - 2 * patches.margin) % 16 == 0, "
+    "S % EIGHT == 0",
     error_model="numpy",
 )
 def fringe_sums(  # type: ignore[no-untyped-def]
@@ -165,31 +185,29 @@ def fringe_sums(  # type: ignore[no-untyped-def]
     origins, moves = patches.origins, patches.moves
     size = light.shape[1]
     height, width = packed.shape[1] - 2 * margin, packed.shape[2] - 2 * margin
-    # Of a window with room for displacements only the part that a patch sees is rendered.
     rows = min(footprint_pixels(taps.along, taps.along_ratio, size), height)
     columns = min(footprint_pixels(taps.across, taps.across_ratio, size), width)
-    wide = min((columns + EIGHT - 1) // EIGHT * EIGHT, width)
-    seen = np.empty((rows, wide), np.uint32)
-    window = np.empty((rows, wide), np.float32)
     image = np.empty((3, size, size), np.float32)
     flat = image.reshape(3, -1)
     error = np.empty(size * size, np.float32)
-    zero = np.float32(0)
-    pixels, spread_at = 0, -1.0
+    of_scan, weights = light.reshape(-1, size * size), patches.base.reshape(-1, size * size)
+    bits, masks = bits_of(quantised), masks_of(quantised.bits)
+    changed = np.empty(height * width // EIGHT + 1, np.int64)
     for n in range(light.shape[0]):
-        weights, of_scan = patches.base[n].reshape(-1), light[n].reshape(-1)
+        seen, window = patches.seen[n], patches.window[n]
+        if first:
+            seen[:] = 0
+            lookup_light(seen.reshape(-1), quantised, np.float32(0), window.reshape(-1))
         for k in range(right.shape[0]):
-            left, x = within(origins[n, 0] - (moves[n, 0] + shifts[k, 0]), columns, wide, width)
-            top, y = within(origins[n, 1] - (moves[n, 1] + shifts[k, 1]), rows, rows, height)
-            displace_planes(packed[n], margin + top, margin + left, right[k], down[k], seen)
-            lookup_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
-            if x != spread_at:
-                pixels, spread_at = spread_taps(x, taps, workspace), x
-            render_lines(window, pixels, y, taps, workspace, image)
+            x = within(origins[n, 0] - (moves[n, 0] + shifts[k, 0]), columns, width)
+            y = within(origins[n, 1] - (moves[n, 1] + shifts[k, 1]), rows, height)
+            part = (int(y), int(y) + rows, int(x), int(x) + columns)
+            render_light(packed[n], part, right[k], down[k], quantised, bits, masks, seen, window, changed)
+            render_tile(window, x, y, taps, workspace, image)
             if first and k == 0:
-                inverse_variance(flat, noise, weights)
-            mean = difference(of_scan, flat[0], error) / np.float32(error.size)
-            weighted_sums(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[k, n])
+                inverse_variance(flat, noise, weights[n])
+            mean = difference(of_scan[n], flat[0], error) / np.float32(error.size)
+            weighted_sums(error, flat[0], flat[1], flat[2], weights[n], NO_ESTIMATE, False, mean, sums[k, n])
 
 
 @kernel("gathered (S, N, SUMS), level_sd (S), gain_sd, left (N, 6)", error_model="numpy")

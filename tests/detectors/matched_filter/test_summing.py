@@ -18,7 +18,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     moved_modes,
 )
 from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
-from prooflight.detectors.matched_filter.fit.residuals import noise_factor
+from prooflight.detectors.matched_filter.fit.residuals import median_of, noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -467,3 +467,10 @@ def test_tiles_by_themselves_say_what_boxes_of_one_would(seed: int) -> None:
     informed = found[1] > LEAST_POWER
     np.testing.assert_allclose(t, t_statistic(*found, scatter.astype(np.float64)), rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(known, np.where(informed, found[1] ** 2 / spread, 0), rtol=1e-4)
+
+
+@few
+@given(seeds, st.integers(1, 3000))
+def test_the_median_of_flat_squares_is_the_median(seed: int, count: int) -> None:
+    values = np.random.default_rng(seed).chisquare(1, count).astype(np.float32)
+    assert median_of(values) == float(np.median(values))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -15,12 +15,12 @@ from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import LEAST_AREA, LEVELS, SHAPES
 from prooflight.kernels.residuals.moving import CELL, STRETCH, any_of
-from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled
+from prooflight.kernels.vectors import FLOAT, GROUP, INT, LONG, Group, Rows, filled
 
 _SAME = np.float32(0.004)
 """Difference of ink areas below which recipes count as one."""
 _FLOOR = np.float32(1e-12)
-_ROOT_OF_2 = np.float32(2**0.5)
+ROOT_OF_2: Final = 2**0.5
 
 
 class FittedAmounts(NamedTuple):
@@ -152,10 +152,9 @@ def single_run(areas, inside, values, own, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def shape_row(cover, line, shown, inside, bells, weights, singles, new, out):  # type: ignore[no-untyped-def]
-    """Evaluate ``shape_of`` along a line, out (8 n,).
+    """Evaluate ``shape_of`` along a line, out (8 n,), as ``shape_run``, by table where cells show one ink or none.
 
-    shown (4, cells): which cells show each ink; singles: ``single_shapes``. The value of the pixel inside that was
-    evaluated last is used for all recipes that differ by less than ``_SAME``.
+    shown (4, cells): which cells show each ink; singles: ``single_shapes``.
     """
     end, pixels, cells = 0, inside.size, shown.shape[1]
     last = np.full(5, np.float32(-1))
@@ -251,19 +250,20 @@ def take_ink(context, gain, dot, cover, columns, holds, amounts, line, at, out):
 
 
 @inner_kernel()
-def padded(image, line, wide):  # type: ignore[no-untyped-def]
-    """Return a line of an image with those above and below it, (3, wide), 0 beyond their ends."""
-    out = np.zeros((3, wide), np.float32)
-    out[:, : image.shape[1]] = image[line - 1 : line + 2]
+def padded(image, line):  # type: ignore[no-untyped-def]
+    """Return a line of an image with those above and below it, (3, w): groups may extend beyond their ends."""
+    pixels = image.shape[1]
+    out = np.zeros((3, pixels + GROUP), np.float32)
+    out[:, :pixels] = image[line - 1 : line + 2]
     return out
 
 
 @inner_kernel()
-def copy_inside(row, inside, out):  # type: ignore[no-untyped-def]
-    """Copy a row (pixels or more,) to out (pixels,) where it is inside; 0 elsewhere and at its ends."""
+def copy_inside(row, inside, margin, out):  # type: ignore[no-untyped-def]
+    """Copy a row (pixels or more,) to out (pixels,) where it is inside; 0 elsewhere and in margins at its ends."""
     for x in range(out.size):
         out[x] = row[x] if inside[x] else np.float32(0)
-    out[0] = out[out.size - 1] = np.float32(0)
+    out[:margin] = out[out.size - margin :] = np.float32(0)
 
 
 @kernel(
@@ -303,12 +303,10 @@ def residuals(  # type: ignore[no-untyped-def]
             take_light(measured, expected, columns, line, at, row)
         v = np.float32(2 * (line + 0.5) / lines - 1)
         for ink in range(INKS):
+            # One ink after the other: the lines of all at once evict each other from the cache.
             own, at_line = (gain[ink], dot[ink], cover[ink]), line
             if line == lines - 2:
-                own, at_line = (
-                    (padded(own[0], line, wide), padded(own[1], line, wide), padded(own[2], line, wide)),
-                    1,
-                )
+                own, at_line = (padded(own[0], line), padded(own[1], line), padded(own[2], line)), 1
             at_centre = gains[ink, 0] + gains[ink, 2] * v
             amounts = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
             for cell in range(cells):
@@ -316,65 +314,111 @@ def residuals(  # type: ignore[no-untyped-def]
                 if holds[0] or holds[1]:
                     for at in range(cell * CELL, min((cell + 1) * CELL, pixels), GROUP):
                         take_ink(own[0], own[1], own[2], columns, holds, amounts, at_line, at, row)
-        copy_inside(row[0], inside[line], out[line])
+        copy_inside(row[0], inside[line], 1, out[line])
 
 
-# With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
-@inner_kernel(error_model="numpy")
-def log_row(values, parts):  # type: ignore[no-untyped-def]
-    """Compute natural logarithms of a row (n,) of numbers of at least 1, in place, to one or two ulp.
+_LOGARITHM = (
+    7.0376836292e-2,
+    -1.1514610310e-1,
+    1.1676998740e-1,
+    -1.2420140846e-1,
+    1.4249322787e-1,
+    -1.6668057665e-1,
+    2.0000714765e-1,
+    -2.4999993993e-1,
+    3.3333331174e-1,
+)
+"""Coefficients of the third and higher powers of f in the logarithm of 1 + f, the highest first (Cephes, logf)."""
 
-    The library's function takes one number at a time. A number is 2^k (1 + f), f between -0.3 and 0.42, the
-    logarithm of 1 + f a polynomial (Cephes, logf). parts (2, n) is working space.
+
+def logarithm(builder: Any, number: Group) -> Group:
+    """Return natural logarithms of positive numbers, to one or two ulp.
+
+    A number is 2^k (1 + f), f between -0.3 and 0.42, the logarithm of 1 + f a polynomial.
     """
-    bits, powers, rest = values.view(np.int32), parts[0], parts[1]
-    whole = rest.view(np.int32)
-    for x in range(values.size):
-        whole[x] = (bits[x] & np.int32(0x7FFFFF)) | np.int32(0x3F800000)
-    for x in range(values.size):
-        powers[x] = np.float32((bits[x] >> np.int32(23)) - np.int32(127)) + np.float32(rest[x] > _ROOT_OF_2)
-    for x in range(values.size):
-        f = (rest[x] * np.float32(0.5) if rest[x] > _ROOT_OF_2 else rest[x]) - np.float32(1)
-        square = f * f
-        y = np.float32(7.0376836292e-2)
-        y = y * f - np.float32(1.1514610310e-1)
-        y = y * f + np.float32(1.1676998740e-1)
-        y = y * f - np.float32(1.2420140846e-1)
-        y = y * f + np.float32(1.4249322787e-1)
-        y = y * f - np.float32(1.6668057665e-1)
-        y = y * f + np.float32(2.0000714765e-1)
-        y = y * f - np.float32(2.4999993993e-1)
-        y = y * f + np.float32(3.3333331174e-1)
-        y = y * f * square - np.float32(2.12194440e-4) * powers[x] - np.float32(0.5) * square
-        values[x] = f + y + np.float32(0.693359375) * powers[x]
+    whole = ir.VectorType(INT, number.size)
+
+    def constant(value: int) -> Any:
+        return ir.Constant(whole, [value] * number.size)
+
+    bits = builder.bitcast(number.value, whole)
+    fraction = builder.or_(builder.and_(bits, constant(0x7FFFFF)), constant(0x3F800000))
+    rest = Group(builder, builder.bitcast(fraction, number.value.type))
+    exponent = builder.sub(builder.lshr(bits, constant(23)), constant(127))
+    power = Group(builder, builder.sitofp(exponent, number.value.type)) + rest.above(ROOT_OF_2)
+    f = (rest * 0.5).chosen(rest, ">", ROOT_OF_2, rest) - 1.0
+    y = f * _LOGARITHM[0] + _LOGARITHM[1]
+    for coefficient in _LOGARITHM[2:]:
+        y = y * f + coefficient
+    square = f * f
+    return y * f * square - power * 2.12194440e-4 - square * 0.5 + f + power * 0.693359375
 
 
-@inner_kernel(error_model="numpy")
-def square_row(above, light, below, out):  # type: ignore[no-untyped-def]
-    """Compute squared slopes of a row of light, out (pixels,); 0 at its ends."""
-    out[0] = out[out.size - 1] = np.float32(0)
-    for x in range(1, out.size - 1):
-        across = (light[x + 1] - light[x - 1]) * np.float32(0.5)
-        along = (below[x] - above[x]) * np.float32(0.5)
-        out[x] = across * across + along * along
+@intrinsic
+def inverse_variance(context, light, variance, texture, squares, shares, line, at, out):  # type: ignore[no-untyped-def]
+    """Compute the inverse variance of sixteen pixels from ``at`` on and the edges' share of it, into out (2, w).
 
-
-@inner_kernel(error_model="numpy")
-def variance_row(light, variance, texture, slope, depth, shares, rest, level):  # type: ignore[no-untyped-def]
-    """Compute a row's variance without the part proportional to light, into rest; that part's root into level.
-
-    All (pixels,).
+    squares (3, w): squared slopes of the lines about this one, from ``GROUP`` pixels before them on; shares:
+    ``VarianceShares``. The pixels may extend into the next line.
     """
-    scale, edge, contrast, share, dark, _ = shares
-    for x in range(rest.size):
-        rest[x] = scale * variance[x] + edge * slope[x] + contrast * texture[x]
-    for x in range(level.size):
-        level[x] = (share + dark * depth[x] * depth[x]) * light[x]
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lights, variances, textures, slopes, out = (
+            Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 3, 7)
+        )
+        scale, edge, contrast, share, dark, white = (
+            Group(builder, filled(builder, number, GROUP))
+            for number in cgutils.unpack_tuple(builder, args[4])
+        )
+        (line, at), one = args[5:7], Group(builder, filled(builder, FLOAT(1.0), GROUP))
+        columns = [
+            slopes.at(ir.Constant(LONG, n), builder.add(at, ir.Constant(LONG, GROUP + by)))
+            for n in range(3)
+            for by in (-1, 0, 1)
+        ]
+        steep = edge * (sum(columns[1:], columns[0]) * (1 / 9))
+        light = lights.at(line, at)
+        depth = logarithm(builder, white / light.at_least(white * 0.01).at_most(white))
+        rest = scale * variances.at(line, at) + steep + contrast * textures.at(line, at)
+        level, at_white = (share + dark * depth * depth) * light, share * light
+        # The additional variance of dark pixels must not make them count as flat.
+        parts = one / (rest + level * level), steep / (rest + at_white * at_white)
+        for n, part in enumerate(parts):
+            out.store(ir.Constant(LONG, n), at, part)
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(light, variance, texture, squares, shares, place, place, out), generate
+
+
+@intrinsic
+def square_slopes(context, light, line, at, row, out):  # type: ignore[no-untyped-def]
+    """Compute squared slopes of the light of sixteen pixels from ``at`` on, into a row of out (3, w)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lights, out = (Rows(context, builder, signature.args[n], args[n]) for n in (0, 4))
+        across, along = (slope * 0.5 for slope in lights.slopes(args[1], args[2]))
+        out.store(args[3], builder.add(args[2], ir.Constant(LONG, GROUP)), across * across + along * along)
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(light, place, place, place, out), generate
+
+
+@inner_kernel()
+def square_row(light, line, squares):  # type: ignore[no-untyped-def]
+    """Compute squared slopes of a line of light for ``inverse_variance``, into row ``line`` % 3; 0 at its ends."""
+    pixels, row, at_line = light.shape[1], line % 3, line
+    if line == light.shape[0] - 2:
+        light, at_line = padded(light, line), 1
+    for at in range(0, pixels, GROUP):
+        square_slopes(light, at_line, at, row, squares)
+    squares[row, GROUP] = squares[row, GROUP + pixels - 1] = np.float32(0)
 
 
 @kernel(
     "light (L, P), variance (L, P), texture (L, P), inside (L, P), shares, first, last, out (L, P), of_edges (L, P)",
-    where="0 <= first, last <= L",
+    where="0 <= first, last <= L, 2 * P >= GROUP",
     error_model="numpy",
 )
 def variances(  # type: ignore[no-untyped-def]
@@ -387,38 +431,20 @@ def variances(  # type: ignore[no-untyped-def]
     light)^2; shares: ``VarianceShares``. The additional variance of dark pixels is left out of the edges'
     share.
     """
-    edge, share, white = shares.edge, shares.share, shares.white
     lines, pixels = light.shape
-    squares, parts = np.zeros((3, pixels), np.float32), np.empty((2, pixels), np.float32)
-    slope, depth = np.zeros(pixels, np.float32), np.empty(pixels, np.float32)
-    rest, level = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    wide = (pixels + GROUP - 1) // GROUP * GROUP
+    squares, rows = np.zeros((3, GROUP + wide + GROUP), np.float32), np.empty((2, wide), np.float32)
     begin = max(first, 2)
     for line in range(first, last):
-        sure, steep = out[line], of_edges[line]
-        sure[:] = np.float32(0)
-        steep[:] = np.float32(0)
         if line < 2 or line >= lines - 2:
+            out[line] = of_edges[line] = np.float32(0)
             continue
         for near in range(line - 1 if line == begin else line + 1, line + 2):
-            square_row(light[near - 1], light[near], light[near + 1], squares[near % 3])
-        a, b, c = squares[(line - 1) % 3], squares[line % 3], squares[(line + 1) % 3]
-        for x in range(1, pixels - 1):
-            near = a[x - 1] + a[x] + a[x + 1] + b[x - 1] + b[x] + b[x + 1] + c[x - 1] + c[x] + c[x + 1]
-            slope[x] = near * np.float32(1 / 9)
-        here = light[line]
-        for x in range(pixels):
-            depth[x] = white / min(max(here[x], np.float32(0.01) * white), white)
-        log_row(depth, parts)
-        variance_row(here, variance[line], texture[line], slope, depth, shares, rest, level)
-        there = inside[line]
-        for x in range(2, pixels - 2):
-            inverse = np.float32(1) / (rest[x] + level[x] * level[x])
-            sure[x] = inverse if there[x] else np.float32(0)
-        for x in range(2, pixels - 2):
-            # The additional variance of dark pixels must not make them count as flat.
-            at_white = share * here[x]
-            part = edge * slope[x] / (rest[x] + at_white * at_white)
-            steep[x] = part if there[x] else np.float32(0)
+            square_row(light, near, squares)
+        for at in range(0, pixels, GROUP):
+            inverse_variance(light, variance, texture, squares, shares, line, at, rows)
+        copy_inside(rows[0], inside[line], 2, out[line])
+        copy_inside(rows[1], inside[line], 2, of_edges[line])
 
 
 @kernel(

@@ -147,7 +147,7 @@ def test_residuals_of_a_longer_scan_are_refused() -> None:
         np.zeros(16, np.float32),
     )
     amounts = [np.zeros(shape, np.float32) for shape in ((4, 3), (4,), (4, 2))]
-    inks = InkImages(gain=areas, dot=areas, texture=image, cover=areas, shown=np.ones((3, 4, 2), bool))
+    inks = InkImages(gain=areas, dot=areas, texture=image, cover=areas, shown=np.ones((3, 4, 2, 1), bool))
     rest = image, row, image > 0, inks, bells, FittedAmounts(weights, row, *amounts), 0, 20, image.copy()
     residuals(image, *rest)
     with pytest.raises(ValueError, match=r"expected is of shape \(20, 12\) and should be \(L, P\)"):

@@ -106,6 +106,15 @@ class Rows:
         """Return the numbers of a line from pixel ``x`` on; the next line's follow a line's last."""
         return Group(self.builder, self.builder.load(self._from(line, x), align=4))
 
+    def converted(self, line: Any, x: Any) -> Group:
+        """Return the numbers as ``at``, which may be whole numbers of at least 0."""
+        kind = self.data.type.pointee
+        if kind == FLOAT:
+            return self.at(line, x)
+        place = self.builder.bitcast(self._from(line, x), ir.VectorType(kind, self.size).as_pointer())
+        whole = self.builder.load(place, align=kind.width // 8)
+        return Group(self.builder, self.builder.uitofp(whole, ir.VectorType(FLOAT, self.size)))
+
     def slopes(self, line: Any, x: Any) -> tuple[Group, Group]:
         """Return the differences of the neighbours of each number, right less left and below less above."""
         one, of = ir.Constant(LONG, 1), self.builder

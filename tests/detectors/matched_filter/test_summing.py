@@ -18,7 +18,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     moved_modes,
 )
 from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
-from prooflight.detectors.matched_filter.fit.residuals import noise_factor
+from prooflight.detectors.matched_filter.fit.residuals import median_of, noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -35,7 +35,7 @@ from prooflight.detectors.matched_filter.statistics.page_scale import extremes_o
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
-from prooflight.kernels.residuals.moving import STRETCH, move_smooth
+from prooflight.kernels.residuals.moving import CELL, STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import (
     FittedAmounts,
     VarianceShares,
@@ -283,7 +283,7 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
     bells = rng.random((4, LEVELS, SHAPES)).astype(np.float32)
     corners = np.array([[8, 8], [8, 16]])
     found = np.empty((2, SUMS), np.float32)
-    inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover, shown=np.ones((3, 4, 2), bool))
+    inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover, shown=np.ones((3, 4, 2, 1), bool))
     block_sums(measured, expected, offset, variance, inks, inside, bells, corners, found)
     light = expected - offset
     levels = np.rint(cover.astype(np.float64) * (LEVELS - 1)).astype(int)
@@ -314,7 +314,7 @@ def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
     columns, gains = rng.random(pixels).astype(np.float32) * 0.01, rng.random((4, 3)).astype(np.float32)
     dots, planes = rng.random(4).astype(np.float32), rng.random((4, 2)).astype(np.float32)
     found = np.empty(shape, np.float32)
-    shown = (cover.any(axis=(1, 2)) & np.ones((3, 2, 1), bool)).swapaxes(1, 2)
+    shown = (cover.any(axis=(1, 2)) & np.ones((3, 2, 1), bool)).swapaxes(1, 2)[..., None]
     inks = InkImages(gain=gain, dot=dot, texture=np.zeros(shape, np.float32), cover=cover, shown=shown)
     fitted = FittedAmounts(
         shape=colours.weights(amounts), columns=columns, gain=gains, dot=dots, planes=planes
@@ -339,6 +339,29 @@ def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
     )  # recipes that are alike share a value
     assert not found[0].any()
     assert not found[:, -1].any()
+
+
+@few
+@given(seeds)
+def test_residuals_ignore_what_cells_without_ink_hold(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = 40, 150
+    shown = np.zeros((3, 4, 3, 3), bool)
+    shown[:, 3, :, 0], shown[:, :, 1:, 1] = True, True  # black alone, all inks, and none
+    printed = np.repeat(np.repeat(shown[0], STRETCH, axis=1), CELL, axis=2)[:, : shape[0], : shape[1]]
+    cover = (rng.random((4, *shape)) * printed).astype(np.float32)
+    gain, dot = (-100 * rng.random((2, 4, *shape)) * printed).astype(np.float32)
+    measured, expected = 3000 * rng.random((2, *shape)).astype(np.float32)
+    offset, columns = 0.01 * rng.random((2, shape[1])).astype(np.float32)
+    bells, inside = rng.random((4, LEVELS, SHAPES)).astype(np.float32), rng.random(shape) < 0.9
+    amounts = [rng.random(size).astype(np.float32) for size in ((4, 3), (4,), (4, 2))]
+    fitted = FittedAmounts(rng.random(SHAPES).astype(np.float32), columns, *amounts)
+    found = np.empty((2, *shape), np.float32)
+    for blank, cells, out in ((0, np.ones_like(shown), found[0]), (np.nan, shown, found[1])):
+        effects = (np.where(printed, one, np.float32(blank)) for one in (gain, dot))
+        inks = InkImages(*effects, texture=np.zeros(shape, np.float32), cover=cover, shown=cells)
+        residuals(measured, expected, offset, inside, inks, bells, fitted, 0, shape[0], out)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-4, atol=0.02)
 
 
 @few
@@ -486,3 +509,10 @@ def test_squares_of_tiles_say_what_their_sums_do(seed: int) -> None:
     down = tiles[:, rows] + tiles[:, np.maximum(rows - 1, 0)]
     own, known, of_edges = down[..., columns] + down[..., np.maximum(columns - 1, 0)]
     np.testing.assert_allclose(t, t_statistic(own, known, of_edges, scatter), rtol=1e-4, atol=1e-6)
+
+
+@few
+@given(seeds, st.integers(1, 3000))
+def test_the_median_of_flat_squares_is_the_median(seed: int, count: int) -> None:
+    values = np.random.default_rng(seed).chisquare(1, count).astype(np.float32)
+    assert median_of(values) == float(np.median(values))

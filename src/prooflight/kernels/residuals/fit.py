@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.residuals.moving import STRETCH
+from prooflight.kernels.residuals.moving import CELL, STRETCH
 from prooflight.kernels.vectors import FLOAT, INT, LONG, Group, Rows, filled, number_at, sums_of_lines
 
 SHAPES = 16
@@ -43,8 +43,8 @@ class InkImages(NamedTuple):
     cover: NDArray[np.float32]
     """Ink area, (4, ...). [-]"""
     shown: NDArray[np.bool_]
-    """Whether ``STRETCH`` lines of each ink's gain, dot gain and area show anything, (3, 4, strips). Where gain or dot
-    gain do not, their image may hold anything."""
+    """Whether ``CELL`` pixels of ``STRETCH`` lines of each ink's gain, dot gain and area show anything, (3, 4, ., .).
+    Where gain or dot gain do not, their image may hold anything."""
 
 
 @inner_kernel()
@@ -103,28 +103,29 @@ def any_ink(recipes):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def sum_light(  # type: ignore[no-untyped-def]
-    context, off, there, expected, offset, variance, texture, top, first, last, at, light, sums
+    context, measured, inside, columns, expected, variance, texture, top, first, last, at, light, sums
 ):
     """Sum up what does not depend on inks over a block, lines first .. last - 1, into the first of ``block_sums``.
 
-    off, there (lines, w): residuals, and 1 at pixels that count, else 0, of lines from ``top`` on; offset (1, w); light
-    (lines, 8) is written, 0 where it does not count.
+    columns (2, w): 1 at columns that count, else 0, and their offset; light (lines, 8) is written from ``top`` on, 0
+    where it does not count.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        offs, counts, lights, offsets, variances, textures, bright = (
+        scans, counts, columns, lights, variances, textures, bright = (
             Rows(context, builder, signature.args[n], args[n], EIGHT) for n in (0, 1, 2, 3, 4, 5, 10)
         )
         (top, first, last, at), none = args[6:10], ir.Constant(LONG, 0)
+        within, offset = columns.at(none, at), columns.at(ir.Constant(LONG, 1), at)
 
         def terms(line: Any) -> list[Group]:
-            place = builder.sub(line, top)
-            count = counts.at(place, at)
-            light = (lights.at(line, at) - offsets.at(none, at)) * count
-            bright.store(place, none, light)
+            count, expected = counts.converted(line, at) * within, lights.at(line, at)
+            light = (expected - offset) * count
+            bright.store(builder.sub(line, top), none, light)
             across, along = lights.slopes(line, at)
             steep = (across * across + along * along) * 0.25
-            others = offs.at(place, at), variances.at(line, at), steep, textures.at(line, at)
+            off = scans.converted(line, at) - expected
+            others = off, variances.at(line, at), steep, textures.at(line, at)
             off, variance, steep, texture = (other * count for other in others)
             return [count, off, light, variance, steep, texture]
 
@@ -134,28 +135,31 @@ def sum_light(  # type: ignore[no-untyped-def]
         return context.get_dummy_value()
 
     place = types.int64
-    taken = off, there, expected, offset, variance, texture, place, place, place, place
+    taken = measured, inside, columns, expected, variance, texture, place, place, place, place
     return types.void(*taken, light, sums), generate
 
 
 @intrinsic
-def sum_ink(context, gain, dot, cover, there, shown, ink, top, first, last, at, sums):  # type: ignore[no-untyped-def]
+def sum_ink(  # type: ignore[no-untyped-def]
+    context, gain, dot, cover, inside, columns, shown, ink, first, last, at, sums
+):
     """Sum up one ink's effects and the slopes of its plane over a block, lines first .. last - 1, into ``block_sums``.
 
-    shown: whether gain and dot gain hold anything, 1 or 0; there: as ``sum_light``.
+    shown: whether gain and dot gain hold anything, 1 or 0; columns: as ``sum_light``.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        gains, dots, covers, counts, out = (
-            Rows(context, builder, signature.args[n], args[n], EIGHT) for n in (0, 1, 2, 3, 10)
+        gains, dots, covers, counts, columns, out = (
+            Rows(context, builder, signature.args[n], args[n], EIGHT) for n in (0, 1, 2, 3, 4, 10)
         )
         with_gain, with_dot = (
-            Group(builder, filled(builder, one, EIGHT)) for one in cgutils.unpack_tuple(builder, args[4])
+            Group(builder, filled(builder, one, EIGHT)) for one in cgutils.unpack_tuple(builder, args[5])
         )
-        ink, top, first, last, at = args[5:10]
+        ink, first, last, at = args[6:10]
+        within = columns.at(ir.Constant(LONG, 0), at)
 
         def terms(line: Any) -> list[Group]:
-            count, area = counts.at(builder.sub(line, top), at), covers.at(line, at)
+            count, area = counts.converted(line, at) * within, covers.at(line, at)
             gain = (gains.at(line, at) * count).chosen(with_gain, ">", 0.0)
             dot = (dots.at(line, at) * count).chosen(with_dot, ">", 0.0)
             per_area = (gain * 0.5 / area).chosen(area, ">", LEAST_AREA)
@@ -169,7 +173,7 @@ def sum_ink(context, gain, dot, cover, there, shown, ink, top, first, last, at, 
         return context.get_dummy_value()
 
     place = types.int64
-    taken = gain, dot, cover, there, shown, place, place, place, place, place
+    taken = gain, dot, cover, inside, columns, shown, place, place, place, place
     return types.void(*taken, sums), generate
 
 
@@ -197,24 +201,10 @@ def add_levels(context, cover, shift, top, first, last, at, recipes):  # type: i
     return types.void(cover, place, place, place, place, place, recipes), generate
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def difference_of(row, other, out):  # type: ignore[no-untyped-def]
-    """Compute the difference of two rows (pixels,)."""
-    for x in range(out.size):
-        out[x] = row[x] - other[x]
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def counted(inside, out):  # type: ignore[no-untyped-def]
-    """Compute 1 for pixels that count, else 0: the pixels at both ends do not."""
-    for x in range(out.size):
-        out[x] = inside[x]
-    out[0] = out[out.size - 1] = np.float32(0)
-
-
 @kernel(
     "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
-    "inks.texture (L, P), inks.cover (4, L, P), inks.shown (3, 4, (L + STRETCH - 1) // STRETCH), inside (L, P), "
+    "inks.texture (L, P), inks.cover (4, L, P), "
+    "inks.shown (3, 4, (L + STRETCH - 1) // STRETCH, (P + CELL - 1) // CELL), inside (L, P), "
     "bells (4, LEVELS, SHAPES), corners (N, 2), out (N, SUMS)",
     fastmath=True,
     error_model="numpy",
@@ -231,41 +221,38 @@ def block_sums(  # type: ignore[no-untyped-def]
     """
     lines, pixels = measured.shape
     gain, dot, texture, cover, shown = inks
-    off, there = np.empty((2, EIGHT, pixels), np.float32)
-    dark = np.empty((1, pixels), np.float32)
-    dark[0] = offset
+    columns = np.ones((2, pixels), np.float32)
+    columns[0, 0] = columns[0, pixels - 1] = np.float32(0)
+    columns[1] = offset
     bare = bells[0, 0] * bells[1, 0] * bells[2, 0] * bells[3, 0]
     light, recipes = np.empty((EIGHT, EIGHT), np.float32), np.empty((EIGHT, EIGHT), np.int32)
     out[:] = np.float32(0)
     row = np.int64(-1)
     for block in range(corners.shape[0]):
         top, at = corners[block]
-        strip, sums = top // STRETCH, out[block]
+        strip, cell, sums = top // STRETCH, at // CELL, out[block]
         first, last = max(top, 1), min(top + EIGHT, lines - 1)
         if top != row:
             row = top
-            for line in range(first, last):
-                difference_of(measured[line], expected[line], off[line - top])
-                counted(inside[line], there[line - top])
             light[:] = np.float32(0)
-        sum_light(off, there, expected, dark, variance, texture, top, first, last, at, light, sums)
+        sum_light(measured, inside, columns, expected, variance, texture, top, first, last, at, light, sums)
         printed = False
         for ink in range(INKS):
-            if shown[2, ink, strip]:
+            if shown[2, ink, strip, cell]:
                 if not printed:
                     recipes[:] = np.int32(0)
                     printed = True
                 add_levels(cover[ink], 8 * ink, top, first, last, at, recipes)
-            with_gain, with_dot = np.float32(shown[0, ink, strip]), np.float32(shown[1, ink, strip])
-            if with_gain + with_dot > 0:
+            of_gain, of_dot = shown[0, ink, strip, cell], shown[1, ink, strip, cell]
+            if of_gain or of_dot:
                 sum_ink(
                     gain[ink],
                     dot[ink],
                     cover[ink],
-                    there,
-                    (with_gain, with_dot),
+                    inside,
+                    columns,
+                    (np.float32(of_gain), np.float32(of_dot)),
                     ink,
-                    top,
                     first,
                     last,
                     at,

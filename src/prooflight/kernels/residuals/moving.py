@@ -143,18 +143,15 @@ def find_filled(images, out):  # type: ignore[no-untyped-def]
 def cells_seen(filled, lines, low, high, pixels, cells):  # type: ignore[no-untyped-def]
     """Compute which cells (n,) of some lines see anything that is displaced by ``low`` to ``high`` pixels.
 
-    filled: as from ``find_filled``; lines: the first that are seen, and the one beyond. Returned: whether any does.
+    filled: as from ``find_filled``; lines: the first that are seen, and the one beyond.
     """
     first, stop = lines
-    seen = False
     for n in range(cells.size):
         left, right = max(n * CELL + low, 0), min((n + 1) * CELL + high, pixels)
         cells[n] = False
         for row in range(first // CELL_LINES, (stop + CELL_LINES - 1) // CELL_LINES):
             for cell in range(left // CELL, (right + CELL - 1) // CELL):
                 cells[n] |= filled[row, cell] != 0
-        seen |= cells[n]
-    return seen
 
 
 @inner_kernel()
@@ -174,16 +171,15 @@ def move_smooth(images, units, filled, which, across, along, blank, out):  # typ
 
     They are float32, or uint16 levels; units (n,): value of 1 in each; filled: as from ``find_filled``.
     Some lines of all images are processed at a time, one image after the other, so that pixels and positions
-    stay in the cache. Cells without content are not interpolated: most of a page has none of most inks. Lines without
-    any are set to 0 from image ``blank`` on, and left as they are in the images before. Returned: which stretches of
-    lines of each image have content, (images of ``which``, stretches).
+    stay in the cache. Cells without content are not interpolated: most of a page has none of most inks. They are set to
+    0 from image ``blank`` on, and left as they are in the images before. Returned: which cells, ``CELL`` pixels of
+    ``STRETCH`` lines, of each image have content, (images of ``which``, ., .).
     """
     lines, pixels = images.shape[1:]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     whole = np.empty((STRETCH, 2, (pixels + STRETCH - 1) // STRETCH), np.int64)
     shares = np.empty((STRETCH, 2, pixels), np.float32)
-    shown = np.zeros((which.size, (lines + STRETCH - 1) // STRETCH), np.bool_)
-    cells = np.empty((pixels + CELL - 1) // CELL, np.bool_)
+    shown = np.empty((which.size, (lines + STRETCH - 1) // STRETCH, (pixels + CELL - 1) // CELL), np.bool_)
     for first in range(0, lines, STRETCH):
         count = min(STRETCH, lines - first)
         for i in range(count):
@@ -195,14 +191,16 @@ def move_smooth(images, units, filled, which, across, along, blank, out):  # typ
         low, high = whole[:count, 0].min(), whole[:count, 0].max() + 1
         for place in range(which.size):
             n = which[place]
-            shows = cells_seen(filled[n], (top, stop), low, high, pixels, cells)
-            shown[place, first // STRETCH] = shows
-            begin, end = 0, cells.size if not shows and n < blank else 0
+            cells = shown[place, first // STRETCH]
+            cells_seen(filled[n], (top, stop), low, high, pixels, cells)
+            end = 0
             while end < cells.size:
                 begin, end = end, end + 1
-                seen = shows and cells[begin]
-                while end < cells.size and (shows and cells[end]) == seen:
+                seen = cells[begin]
+                while end < cells.size and cells[end] == seen:
                     end += 1
+                if not seen and n < blank:
+                    continue
                 x0, x1 = begin * CELL, min(end * CELL, pixels)
                 for line in range(first, first + count):
                     if seen:

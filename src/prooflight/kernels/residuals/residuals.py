@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows
-from prooflight.kernels.residuals.moving import STRETCH
+from prooflight.kernels.residuals.fit import LEAST_AREA, LEVELS, SHAPES
+from prooflight.kernels.residuals.moving import CELL, STRETCH, any_of
+from prooflight.kernels.vectors import FLOAT, GROUP, INT, LONG, Group, Rows, filled
 
 _SAME = np.float32(0.004)
 """Difference of ink areas below which recipes count as one."""
 _FLOOR = np.float32(1e-12)
-_ROOT_OF_2 = np.float32(2**0.5)
+ROOT_OF_2: Final = 2**0.5
 
 
 class FittedAmounts(NamedTuple):
@@ -45,12 +50,31 @@ class VarianceShares(NamedTuple):
     """Light of bare paper. [DN]"""
 
 
+@intrinsic
+def weighted_bells(context, bells, weights, levels, shares):  # type: ignore[no-untyped-def]
+    """Return the weighted sum of bells; levels, shares: of each ink, the level below its area and what is above it."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        factors, weights = (Rows(context, builder, signature.args[n], args[n], SHAPES) for n in (0, 1))
+        none, one = ir.Constant(LONG, 0), ir.Constant(LONG, 1)
+        product = weights.at(none, none)
+        levels, shares = (cgutils.unpack_tuple(builder, args[n]) for n in (2, 3))
+        for ink, (level, share) in enumerate(zip(levels, shares, strict=True)):
+            place = builder.add(level, ir.Constant(LONG, ink * LEVELS))
+            below = factors.at(place, none)
+            step = factors.at(builder.add(place, one), none) - below
+            product = product * (below + step * Group(builder, filled(builder, share, SHAPES)))
+        return product.total()
+
+    return types.float32(bells, weights, levels, shares), generate
+
+
 @inner_kernel(fastmath=True, error_model="numpy")
 def placed_level(area):  # type: ignore[no-untyped-def]
     """Return the tabulated level at or below an ink area, and the remainder above it."""
     at = min(max(area, np.float32(0)), np.float32(1)) * np.float32(LEVELS - 1)
     below = min(np.int32(at), np.int32(LEVELS - 2))
-    return below, at - np.float32(below)
+    return np.int64(below), at - np.float32(below)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -60,14 +84,7 @@ def shape_of(c, m, y, k, bells, weights):  # type: ignore[no-untyped-def]
     at_m, m_share = placed_level(m)
     at_y, y_share = placed_level(y)
     at_k, k_share = placed_level(k)
-    c0, m0, y0, k0 = bells[0, at_c], bells[1, at_m], bells[2, at_y], bells[3, at_k]
-    c1, m1, y1, k1 = bells[0, at_c + 1], bells[1, at_m + 1], bells[2, at_y + 1], bells[3, at_k + 1]
-    value = np.float32(0)
-    for j in range(SHAPES):
-        of_cm = (c0[j] + c_share * (c1[j] - c0[j])) * (m0[j] + m_share * (m1[j] - m0[j]))
-        of_yk = (y0[j] + y_share * (y1[j] - y0[j])) * (k0[j] + k_share * (k1[j] - k0[j]))
-        value += weights[j] * of_cm * of_yk
-    return value
+    return weighted_bells(bells, weights, (at_c, at_m, at_y, at_k), (c_share, m_share, y_share, k_share))
 
 
 @inner_kernel()
@@ -81,63 +98,180 @@ def new_recipes(cyan, magenta, yellow, black, inside, out):  # type: ignore[no-u
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def shape_row(cyan, magenta, yellow, black, inside, bells, weights, new, out):  # type: ignore[no-untyped-def]
-    """Evaluate ``shape_of`` along a row of ink areas (pixels,); new (8 n,) is working space, 0 beyond the pixels.
+def shape_run(cyan, magenta, yellow, black, inside, bells, weights, last, new, out):  # type: ignore[no-untyped-def]
+    """Evaluate ``shape_of`` along part of a row of ink areas (pixels,), out (8 n,).
 
-    The recipe and value of the pixel evaluated last are used for all that differ by less than ``_SAME``.
+    last (5,): recipe evaluated last, which counts for all that differ by less than ``_SAME``, and its value. new (8 n,)
+    is working space, 0 beyond the pixels.
     """
     new_recipes(cyan, magenta, yellow, black, inside, new)
     eights = new.view(np.int64)
-    c, m, y, k = np.float32(-1), np.float32(-1), np.float32(-1), np.float32(-1)
-    value, begin = np.float32(0), 0
+    c, m, y, k, value = last[0], last[1], last[2], last[3], last[4]
     for eight in range(eights.size):
+        first = 8 * eight
         if eights[eight] == 0:
+            out[first : first + 8] = value
             continue
-        for x in range(8 * eight, 8 * eight + 8):
-            if not new[x]:
-                continue
-            far = max(max(abs(cyan[x] - c), abs(magenta[x] - m)), max(abs(yellow[x] - y), abs(black[x] - k)))
-            if far >= _SAME:
-                out[begin:x] = value
-                begin = x
-                c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
-                value = shape_of(c, m, y, k, bells, weights)
-    out[begin:] = value
+        for x in range(first, first + 8):
+            if new[x]:
+                by_c, by_m, by_y, by_k = cyan[x] - c, magenta[x] - m, yellow[x] - y, black[x] - k
+                if max(max(abs(by_c), abs(by_m)), max(abs(by_y), abs(by_k))) >= _SAME:
+                    c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
+                    value = shape_of(c, m, y, k, bells, weights)
+            out[x] = value
+    last[0], last[1], last[2], last[3], last[4] = c, m, y, k, value
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def take_row(measured, expected, offset, relative, columns, inside, out):  # type: ignore[no-untyped-def]
-    """Compute a row of residuals without the part proportional to the light; 0 outside."""
-    for x in range(out.size):
-        left = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
-        out[x] = left if inside[x] else np.float32(0)
+def single_shapes(bells, weights):  # type: ignore[no-untyped-def]
+    """Return ``shape_of`` at every level of each ink where there is no other, (4, LEVELS)."""
+    out, none = np.empty((INKS, LEVELS), np.float32), np.float32(0)
+    for level in range(LEVELS):
+        area = np.float32(level) / np.float32(LEVELS - 1)
+        out[0, level] = shape_of(area, none, none, none, bells, weights)
+        out[1, level] = shape_of(none, area, none, none, bells, weights)
+        out[2, level] = shape_of(none, none, area, none, bells, weights)
+        out[3, level] = shape_of(none, none, none, area, bells, weights)
+    return out
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def take_ink(gain, dot, areas, amounts, inside, out):  # type: ignore[no-untyped-def]
-    """Subtract the effect of one ink from a row of residuals inside, in place; its ends are unchanged.
+def single_run(areas, inside, values, own, out):  # type: ignore[no-untyped-def]
+    """Evaluate ``shape_of`` along part of a row of one ink's areas, out (pixels,), by its values (LEVELS,).
 
-    areas: of the ink in the row above, this one and the next; amounts: its gain at the centre of the row and
-    to the right edge, dot gain, register right and down.
+    own: the area evaluated last. Returned: the same after the last pixel.
     """
-    above, here, below = areas
-    at_centre, to_right, dots, right, down = amounts
-    pixels = out.size
-    for x in range(1, pixels - 1):
-        u = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
-        moved = (here[x + 1] - here[x - 1]) * right + (below[x] - above[x]) * down
-        slope = np.float32(0.5) * moved / here[x]
-        slope = slope if here[x] > np.float32(0.02) else np.float32(0)
-        taken = gain[x] * (at_centre + to_right * u - slope) + dot[x] * dots
-        out[x] -= taken if inside[x] else np.float32(0)
+    for x in range(areas.size):
+        own = areas[x] if inside[x] and abs(areas[x] - own) >= _SAME else own
+        out[x] = own
+    for x in range(areas.size):
+        at, share = placed_level(out[x])
+        out[x] = values[at] + share * (values[at + 1] - values[at])
+    return own
+
+
+@inner_kernel(error_model="numpy")
+def shape_row(cover, line, shown, inside, bells, weights, singles, new, out):  # type: ignore[no-untyped-def]
+    """Evaluate ``shape_of`` along a line, out (8 n,), as ``shape_run``, by table where cells show one ink or none.
+
+    shown (4, cells): which cells show each ink; singles: ``single_shapes``.
+    """
+    end, pixels, cells = 0, inside.size, shown.shape[1]
+    last = np.full(5, np.float32(-1))
+    while end < cells:
+        begin, kind = end, shown_kind(shown, end)
+        while end < cells and shown_kind(shown, end) == kind:
+            end += 1
+        x0, x1 = begin * CELL, min(end * CELL, pixels)
+        there, others, ink = inside[x0:x1], np.float32(0), max(kind, 0)
+        for i in range(INKS):
+            others = others if i == kind else max(others, abs(last[i]))
+        if kind < 0:
+            if others >= _SAME and any_of(there.view(np.uint8)):
+                last[:INKS], last[INKS] = np.float32(0), singles[0, 0]
+            out[x0:x1] = last[INKS]
+        elif kind < INKS and (others == 0 or others >= _SAME):
+            own = last[ink] if others == 0 else np.float32(-1)
+            own = single_run(cover[ink, line, x0:x1], there, singles[ink], own, out[x0:x1])
+            last[:INKS] = np.float32(0)
+            last[ink], last[INKS] = own, out[x1 - 1]
+        else:
+            c, m, y, k = (
+                cover[0, line, x0:x1],
+                cover[1, line, x0:x1],
+                cover[2, line, x0:x1],
+                cover[3, line, x0:x1],
+            )
+            stop = (x1 + 7) // 8 * 8
+            shape_run(c, m, y, k, there, bells, weights, last, new[x0:stop], out[x0:stop])
+
+
+@inner_kernel()
+def shown_kind(shown, cell):  # type: ignore[no-untyped-def]
+    """Return which ink alone a cell shows; -1: none, ``INKS``: several."""
+    kind = -1
+    for ink in range(INKS):
+        if shown[ink, cell]:
+            kind = ink if kind < 0 else INKS
+    return kind
+
+
+@intrinsic
+def take_light(context, measured, expected, columns, line, at, out):  # type: ignore[no-untyped-def]
+    """Compute residuals of sixteen pixels without the part proportional to the light, into out (1, w).
+
+    columns (4, w): offset, relative changes of light by column and by colour, and place, -1 left .. 1 right. The
+    pixels of a line, from ``at`` on, may extend into the next one.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        scans, lights, columns, out = (
+            Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 5)
+        )
+        line, at = args[3:5]
+        offset, by_column, by_colour = (columns.at(ir.Constant(LONG, n), at) for n in range(3))
+        light = lights.at(line, at)
+        off = scans.converted(line, at) - light - (light - offset) * (by_column + by_colour)
+        out.store(ir.Constant(LONG, 0), at, off)
+        return context.get_dummy_value()
+
+    return types.void(measured, expected, columns, types.int64, types.int64, out), generate
+
+
+@intrinsic
+def take_ink(context, gain, dot, cover, columns, holds, amounts, line, at, out):  # type: ignore[no-untyped-def]
+    """Subtract the effects of one ink from sixteen residuals, in out (1, w).
+
+    holds: whether gain and dot gain hold anything; amounts: gain at the centre of the line and to the right edge, dot
+    gain, register right and down; columns, at: as ``take_light``.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        gains, dots, covers, columns, out = (
+            Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 3, 8)
+        )
+        with_gain, with_dot = cgutils.unpack_tuple(builder, args[4])
+        at_centre, to_right, by_dot, right, down = (
+            Group(builder, filled(builder, amount, GROUP))
+            for amount in cgutils.unpack_tuple(builder, args[5])
+        )
+        (line, at), none = args[6:8], ir.Constant(LONG, 0)
+        with cgutils.if_likely(builder, cgutils.as_bool_bit(builder, with_gain)):
+            area, (across, along) = covers.at(line, at), covers.slopes(line, at)
+            slope = ((across * right + along * down) * 0.5 / area).chosen(area, ">", LEAST_AREA)
+            change = columns.at(ir.Constant(LONG, 3), at) * to_right + at_centre - slope
+            out.store(none, at, out.at(none, at) - gains.at(line, at) * change)
+        with cgutils.if_likely(builder, cgutils.as_bool_bit(builder, with_dot)):
+            out.store(none, at, out.at(none, at) - dots.at(line, at) * by_dot)
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(gain, dot, cover, columns, holds, amounts, place, place, out), generate
+
+
+@inner_kernel()
+def padded(image, line):  # type: ignore[no-untyped-def]
+    """Return a line of an image with those above and below it, (3, w): groups may extend beyond their ends."""
+    pixels = image.shape[1]
+    out = np.zeros((3, pixels + GROUP), np.float32)
+    out[:, :pixels] = image[line - 1 : line + 2]
+    return out
+
+
+@inner_kernel()
+def copy_inside(row, inside, margin, out):  # type: ignore[no-untyped-def]
+    """Copy a row (pixels or more,) to out (pixels,) where it is inside; 0 elsewhere and in margins at its ends."""
+    for x in range(out.size):
+        out[x] = row[x] if inside[x] else np.float32(0)
+    out[:margin] = out[out.size - margin :] = np.float32(0)
 
 
 @kernel(
     "measured (L, P), expected (L, P), offset (P), inside (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
-    "inks.cover (4, L, P), inks.shown (3, 4, (L + STRETCH - 1) // STRETCH), bells (4, LEVELS, SHAPES), "
-    "fitted.shape (SHAPES), fitted.columns (P), fitted.gain (4, 3), fitted.dot (4), fitted.planes (4, 2), "
-    "first, last, out (L, P)",
-    where="0 <= first, last <= L",
+    "inks.cover (4, L, P), inks.shown (3, 4, (L + STRETCH - 1) // STRETCH, (P + CELL - 1) // CELL), "
+    "bells (4, LEVELS, SHAPES), fitted.shape (SHAPES), fitted.columns (P), fitted.gain (4, 3), fitted.dot (4), "
+    "fitted.planes (4, 2), first, last, out (L, P)",
+    where="0 <= first, last <= L, 2 * P >= GROUP",
     fastmath=True,
     error_model="numpy",
 )
@@ -151,88 +285,140 @@ def residuals(  # type: ignore[no-untyped-def]
     """
     lines, pixels = measured.shape
     gain, dot, cover, shown = inks.gain, inks.dot, inks.cover, inks.shown
-    weights, columns, gains, dots, planes = fitted
-    relative, blank = np.empty(pixels, np.float32), np.zeros(pixels, np.float32)
+    weights, by_column, gains, dots, planes = fitted
+    wide, cells = (pixels + GROUP - 1) // GROUP * GROUP, shown.shape[3]
+    columns, row = np.zeros((4, wide), np.float32), np.empty((1, wide), np.float32)
+    columns[0, :pixels], columns[1, :pixels] = offset, by_column
+    for x in range(pixels):
+        columns[3, x] = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
+    singles = single_shapes(bells, weights)
     new = np.zeros((pixels + 7) // 8 * 8, np.bool_)
     for line in range(first, last):
-        row, there, strip = out[line], inside[line], line // STRETCH
         if line == 0 or line == lines - 1:
-            row[:] = np.float32(0)
+            out[line] = np.float32(0)
             continue
-        c = cover[0, line] if shown[2, 0, strip] else blank
-        m = cover[1, line] if shown[2, 1, strip] else blank
-        y = cover[2, line] if shown[2, 2, strip] else blank
-        k = cover[3, line] if shown[2, 3, strip] else blank
-        shape_row(c, m, y, k, there, bells, weights, new, relative)
-        take_row(measured[line], expected[line], offset, relative, columns, there, row)
+        here = shown[:, :, line // STRETCH]
+        shape_row(cover, line, here[2], inside[line], bells, weights, singles, new, columns[2])
+        for at in range(0, pixels, GROUP):
+            take_light(measured, expected, columns, line, at, row)
         v = np.float32(2 * (line + 0.5) / lines - 1)
         for ink in range(INKS):
-            own_gain = gain[ink, line] if shown[0, ink, strip] else blank
-            own_dot = dot[ink, line] if shown[1, ink, strip] else blank
-            if shows(own_gain) or shows(own_dot):
-                at_centre = gains[ink, 0] + gains[ink, 2] * v
-                areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
-                amounts = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
-                take_ink(own_gain, own_dot, areas, amounts, there, row)
-        row[0] = row[pixels - 1] = np.float32(0)
+            # One ink after the other: the lines of all at once evict each other from the cache.
+            own, at_line = (gain[ink], dot[ink], cover[ink]), line
+            if line == lines - 2:
+                own, at_line = (padded(own[0], line), padded(own[1], line), padded(own[2], line)), 1
+            at_centre = gains[ink, 0] + gains[ink, 2] * v
+            amounts = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
+            for cell in range(cells):
+                holds = here[0, ink, cell], here[1, ink, cell]
+                if holds[0] or holds[1]:
+                    for at in range(cell * CELL, min((cell + 1) * CELL, pixels), GROUP):
+                        take_ink(own[0], own[1], own[2], columns, holds, amounts, at_line, at, row)
+        copy_inside(row[0], inside[line], 1, out[line])
 
 
-# With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
-@inner_kernel(error_model="numpy")
-def log_row(values, parts):  # type: ignore[no-untyped-def]
-    """Compute natural logarithms of a row (n,) of numbers of at least 1, in place, to one or two ulp.
+_LOGARITHM = (
+    7.0376836292e-2,
+    -1.1514610310e-1,
+    1.1676998740e-1,
+    -1.2420140846e-1,
+    1.4249322787e-1,
+    -1.6668057665e-1,
+    2.0000714765e-1,
+    -2.4999993993e-1,
+    3.3333331174e-1,
+)
+"""Coefficients of the third and higher powers of f in the logarithm of 1 + f, the highest first (Cephes, logf)."""
 
-    The library's function takes one number at a time. A number is 2^k (1 + f), f between -0.3 and 0.42, the
-    logarithm of 1 + f a polynomial (Cephes, logf). parts (2, n) is working space.
+
+def logarithm(builder: Any, number: Group) -> Group:
+    """Return natural logarithms of positive numbers, to one or two ulp.
+
+    A number is 2^k (1 + f), f between -0.3 and 0.42, the logarithm of 1 + f a polynomial.
     """
-    bits, powers, rest = values.view(np.int32), parts[0], parts[1]
-    whole = rest.view(np.int32)
-    for x in range(values.size):
-        whole[x] = (bits[x] & np.int32(0x7FFFFF)) | np.int32(0x3F800000)
-    for x in range(values.size):
-        powers[x] = np.float32((bits[x] >> np.int32(23)) - np.int32(127)) + np.float32(rest[x] > _ROOT_OF_2)
-    for x in range(values.size):
-        f = (rest[x] * np.float32(0.5) if rest[x] > _ROOT_OF_2 else rest[x]) - np.float32(1)
-        square = f * f
-        y = np.float32(7.0376836292e-2)
-        y = y * f - np.float32(1.1514610310e-1)
-        y = y * f + np.float32(1.1676998740e-1)
-        y = y * f - np.float32(1.2420140846e-1)
-        y = y * f + np.float32(1.4249322787e-1)
-        y = y * f - np.float32(1.6668057665e-1)
-        y = y * f + np.float32(2.0000714765e-1)
-        y = y * f - np.float32(2.4999993993e-1)
-        y = y * f + np.float32(3.3333331174e-1)
-        y = y * f * square - np.float32(2.12194440e-4) * powers[x] - np.float32(0.5) * square
-        values[x] = f + y + np.float32(0.693359375) * powers[x]
+    whole = ir.VectorType(INT, number.size)
+
+    def constant(value: int) -> Any:
+        return ir.Constant(whole, [value] * number.size)
+
+    bits = builder.bitcast(number.value, whole)
+    fraction = builder.or_(builder.and_(bits, constant(0x7FFFFF)), constant(0x3F800000))
+    rest = Group(builder, builder.bitcast(fraction, number.value.type))
+    exponent = builder.sub(builder.lshr(bits, constant(23)), constant(127))
+    power = Group(builder, builder.sitofp(exponent, number.value.type)) + rest.above(ROOT_OF_2)
+    f = (rest * 0.5).chosen(rest, ">", ROOT_OF_2, rest) - 1.0
+    y = f * _LOGARITHM[0] + _LOGARITHM[1]
+    for coefficient in _LOGARITHM[2:]:
+        y = y * f + coefficient
+    square = f * f
+    return y * f * square - power * 2.12194440e-4 - square * 0.5 + f + power * 0.693359375
 
 
-@inner_kernel(error_model="numpy")
-def square_row(above, light, below, out):  # type: ignore[no-untyped-def]
-    """Compute squared slopes of a row of light, out (pixels,); 0 at its ends."""
-    out[0] = out[out.size - 1] = np.float32(0)
-    for x in range(1, out.size - 1):
-        across = (light[x + 1] - light[x - 1]) * np.float32(0.5)
-        along = (below[x] - above[x]) * np.float32(0.5)
-        out[x] = across * across + along * along
+@intrinsic
+def inverse_variance(context, light, variance, texture, squares, shares, line, at, out):  # type: ignore[no-untyped-def]
+    """Compute the inverse variance of sixteen pixels from ``at`` on and the edges' share of it, into out (2, w).
 
-
-@inner_kernel(error_model="numpy")
-def variance_row(light, variance, texture, slope, depth, shares, rest, level):  # type: ignore[no-untyped-def]
-    """Compute a row's variance without the part proportional to light, into rest; that part's root into level.
-
-    All (pixels,).
+    squares (3, w): squared slopes of the lines about this one, from ``GROUP`` pixels before them on; shares:
+    ``VarianceShares``. The pixels may extend into the next line.
     """
-    scale, edge, contrast, share, dark, _ = shares
-    for x in range(rest.size):
-        rest[x] = scale * variance[x] + edge * slope[x] + contrast * texture[x]
-    for x in range(level.size):
-        level[x] = (share + dark * depth[x] * depth[x]) * light[x]
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lights, variances, textures, slopes, out = (
+            Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 3, 7)
+        )
+        scale, edge, contrast, share, dark, white = (
+            Group(builder, filled(builder, number, GROUP))
+            for number in cgutils.unpack_tuple(builder, args[4])
+        )
+        (line, at), one = args[5:7], Group(builder, filled(builder, FLOAT(1.0), GROUP))
+        columns = [
+            slopes.at(ir.Constant(LONG, n), builder.add(at, ir.Constant(LONG, GROUP + by)))
+            for n in range(3)
+            for by in (-1, 0, 1)
+        ]
+        steep = edge * (sum(columns[1:], columns[0]) * (1 / 9))
+        light = lights.at(line, at)
+        depth = logarithm(builder, white / light.at_least(white * 0.01).at_most(white))
+        rest = scale * variances.at(line, at) + steep + contrast * textures.at(line, at)
+        level, at_white = (share + dark * depth * depth) * light, share * light
+        # The additional variance of dark pixels must not make them count as flat.
+        parts = one / (rest + level * level), steep / (rest + at_white * at_white)
+        for n, part in enumerate(parts):
+            out.store(ir.Constant(LONG, n), at, part)
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(light, variance, texture, squares, shares, place, place, out), generate
+
+
+@intrinsic
+def square_slopes(context, light, line, at, row, out):  # type: ignore[no-untyped-def]
+    """Compute squared slopes of the light of sixteen pixels from ``at`` on, into a row of out (3, w)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lights, out = (Rows(context, builder, signature.args[n], args[n]) for n in (0, 4))
+        across, along = (slope * 0.5 for slope in lights.slopes(args[1], args[2]))
+        out.store(args[3], builder.add(args[2], ir.Constant(LONG, GROUP)), across * across + along * along)
+        return context.get_dummy_value()
+
+    place = types.int64
+    return types.void(light, place, place, place, out), generate
+
+
+@inner_kernel()
+def square_row(light, line, squares):  # type: ignore[no-untyped-def]
+    """Compute squared slopes of a line of light for ``inverse_variance``, into row ``line`` % 3; 0 at its ends."""
+    pixels, row, at_line = light.shape[1], line % 3, line
+    if line == light.shape[0] - 2:
+        light, at_line = padded(light, line), 1
+    for at in range(0, pixels, GROUP):
+        square_slopes(light, at_line, at, row, squares)
+    squares[row, GROUP] = squares[row, GROUP + pixels - 1] = np.float32(0)
 
 
 @kernel(
     "light (L, P), variance (L, P), texture (L, P), inside (L, P), shares, first, last, out (L, P), of_edges (L, P)",
-    where="0 <= first, last <= L",
+    where="0 <= first, last <= L, 2 * P >= GROUP",
     error_model="numpy",
 )
 def variances(  # type: ignore[no-untyped-def]
@@ -245,38 +431,20 @@ def variances(  # type: ignore[no-untyped-def]
     light)^2; shares: ``VarianceShares``. The additional variance of dark pixels is left out of the edges'
     share.
     """
-    edge, share, white = shares.edge, shares.share, shares.white
     lines, pixels = light.shape
-    squares, parts = np.zeros((3, pixels), np.float32), np.empty((2, pixels), np.float32)
-    slope, depth = np.zeros(pixels, np.float32), np.empty(pixels, np.float32)
-    rest, level = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    wide = (pixels + GROUP - 1) // GROUP * GROUP
+    squares, rows = np.zeros((3, GROUP + wide + GROUP), np.float32), np.empty((2, wide), np.float32)
     begin = max(first, 2)
     for line in range(first, last):
-        sure, steep = out[line], of_edges[line]
-        sure[:] = np.float32(0)
-        steep[:] = np.float32(0)
         if line < 2 or line >= lines - 2:
+            out[line] = of_edges[line] = np.float32(0)
             continue
         for near in range(line - 1 if line == begin else line + 1, line + 2):
-            square_row(light[near - 1], light[near], light[near + 1], squares[near % 3])
-        a, b, c = squares[(line - 1) % 3], squares[line % 3], squares[(line + 1) % 3]
-        for x in range(1, pixels - 1):
-            near = a[x - 1] + a[x] + a[x + 1] + b[x - 1] + b[x] + b[x + 1] + c[x - 1] + c[x] + c[x + 1]
-            slope[x] = near * np.float32(1 / 9)
-        here = light[line]
-        for x in range(pixels):
-            depth[x] = white / min(max(here[x], np.float32(0.01) * white), white)
-        log_row(depth, parts)
-        variance_row(here, variance[line], texture[line], slope, depth, shares, rest, level)
-        there = inside[line]
-        for x in range(2, pixels - 2):
-            inverse = np.float32(1) / (rest[x] + level[x] * level[x])
-            sure[x] = inverse if there[x] else np.float32(0)
-        for x in range(2, pixels - 2):
-            # The additional variance of dark pixels must not make them count as flat.
-            at_white = share * here[x]
-            part = edge * slope[x] / (rest[x] + at_white * at_white)
-            steep[x] = part if there[x] else np.float32(0)
+            square_row(light, near, squares)
+        for at in range(0, pixels, GROUP):
+            inverse_variance(light, variance, texture, squares, shares, line, at, rows)
+        copy_inside(rows[0], inside[line], 2, out[line])
+        copy_inside(rows[1], inside[line], 2, of_edges[line])
 
 
 @kernel(

@@ -56,53 +56,56 @@ def whole_groups(pixels):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def sum_mode(  # type: ignore[no-untyped-def]
-    context, residual, weight, light, of_edges, gains, mode, begin, first, last, at, most, most_edges, sums
+def sum_modes(  # type: ignore[no-untyped-def]
+    context, residual, weight, light, of_edges, gains, modes, begins, first, last, at, most, most_edges, sums
 ):
-    """Compute sums of one mode over lines first .. last - 1 of sixteen columns from ``at`` on, for each class of edges.
+    """Compute sums of two modes over lines first .. last - 1 of sixteen columns from ``at`` on, by class of edges.
 
-    Written: sums (4 classes, w) from ``at`` on. They are sums of P r / V, P^2 / V, P light / V and the edges' part of
-    P^2 / V, r without its column's part of the light, ``gains`` (1, w), and limited to ``most`` sigma. The lines of
-    mode, P, are from ``begin`` on. Pixels whose variance is due to edges by more than ``most_edges`` are left out. The
-    columns may extend into the next line, and w by as much beyond the pixels.
+    Written: sums (2 x classes x 4, w) from ``at`` on. They are sums of P r / V, P^2 / V, P light / V and the edges'
+    part of P^2 / V, r without its column's part of the light, ``gains`` (1, w), and limited to ``most`` sigma. The
+    lines of each mode, P, are from its ``begins`` on. Pixels whose variance is due to edges by more than ``most_edges``
+    are left out. The columns may extend into the next line, and w by as much beyond the pixels.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        residuals, weights, lights, shares, own_gains, modes, out = (
-            Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 3, 4, 5, 12)
+        residuals, weights, lights, shares, own_gains, out = (
+            Rows(context, builder, signature.args[n], args[n]) for n in (0, 1, 2, 3, 4, 12)
         )
-        begin, first, last, at = args[6:10]
+        images, begins = (cgutils.unpack_tuple(builder, args[n]) for n in (5, 6))
+        modes = [Rows(context, builder, signature.args[5].dtype, image) for image in images]
+        first, last, at = args[7:10]
         limit, *classes = (
             Group(builder, filled(builder, number, GROUP))
             for number in (args[10], *cgutils.unpack_tuple(builder, args[11]))
         )
-        gain, before = own_gains.at(ir.Constant(LONG, 0), at), builder.sub(begin, first)
+        gain, before = own_gains.at(ir.Constant(LONG, 0), at), [builder.sub(begin, first) for begin in begins]
 
         def terms(line: Any) -> list[Group]:
             w, light, share = (one.at(line, at) for one in (weights, lights, shares))
-            effect = modes.at(builder.add(line, before), at)
             most = limit * w.root()
             push = ((residuals.at(line, at) - light * gain) * w).at_most(most).at_least(most * -1.0)
-            square, shared = effect * effect, effect * light
+            of_classes = [[one.chosen(share, "<=", most_edge) for one in (push, w)] for most_edge in classes]
             products = []
-            for most_edge in classes:
-                own_push, own = (one.chosen(share, "<=", most_edge) for one in (push, w))
-                products += [effect * own_push, square * own, shared * own, square * share * own]
+            for mode, by in zip(modes, before, strict=True):
+                effect = mode.at(builder.add(line, by), at)
+                square, shared = effect * effect, effect * light
+                for own_push, own in of_classes:
+                    products += [effect * own_push, square * own, shared * own, square * share * own]
             return products
 
-        totals = sums_of_lines(builder, first, last, terms, 4 * len(classes))
+        totals = sums_of_lines(builder, first, last, terms, 4 * len(modes) * len(classes))
         for n, total in enumerate(totals):
             out.store(ir.Constant(LONG, n), at, total)
         return context.get_dummy_value()
 
     place = types.int64
-    taken = residual, weight, light, of_edges, gains, mode, place, place, place, place, types.float32
+    taken = residual, weight, light, of_edges, gains, modes, begins, place, place, place, types.float32
     return types.void(*taken, most_edges, sums), generate
 
 
 @intrinsic
 def sum_energy(context, residual, weight, light, gains, first, last, at, sums):  # type: ignore[no-untyped-def]
-    """Compute sums (2, w) as ``sum_mode``: squared residuals over their variance, and the pixels that have any."""
+    """Compute sums (2, w) as ``sum_modes``: squared residuals over their variance, and the pixels that have any."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         residuals, weights, lights, own_gains, out = (
@@ -137,6 +140,16 @@ def mode_lines(m, images, scratch, first):  # type: ignore[no-untyped-def]
     if m > 0:
         return images.add[m - 1], first
     return images.light, first
+
+
+@inner_kernel()
+def two_modes(m, other, images, scratch, first):  # type: ignore[no-untyped-def]
+    """Return the images of two modes and where their lines ``first`` are, as ``mode_lines``."""
+    (one, begin), (second, of_second) = (
+        mode_lines(m, images, scratch, first),
+        mode_lines(other, images, scratch, first),
+    )
+    return (one, second), (begin, of_second)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -176,7 +189,7 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
     residual, weight, light, white, _, _, of_edges = images
     lines, pixels = residual.shape
     wide, classes = whole_groups(pixels), (most_edges[0], most_edges[1])
-    sums, gains = np.empty((8, wide), np.float32), np.zeros((1, wide), np.float32)
+    sums, gains = np.empty((16, wide), np.float32), np.zeros((1, wide), np.float32)
     void = np.zeros((1, LINES, wide), np.float32)
     for segment in range(first, last):
         line = max(segment * segment_lines, 2)
@@ -188,18 +201,18 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
             left, right = max(by, 0), min(pixels + by, pixels)
             for near in range(line, end):
                 void_row(light[near], white, void[0, near - line])
-            for place in range(which.size):
-                m = which[place]
-                mode, begin = mode_lines(m, images, void, line)
+            for place in range(0, which.size, 2):
+                stop_place = min(place + 2, which.size)
+                modes, begins = two_modes(which[place], which[stop_place - 1], images, void, line)
                 for at in range(0, pixels, GROUP):
-                    sum_mode(
+                    sum_modes(
                         residual,
                         weight,
                         light,
                         of_edges,
                         gains,
-                        mode,
-                        begin,
+                        modes,
+                        begins,
                         line,
                         end,
                         at,
@@ -208,8 +221,8 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
                         sums,
                     )
                 if left < right:
-                    for n in range(8):
-                        to = out[n // 4, n % 4, place, segment, left - by : right - by]
+                    for n in range(8 * (stop_place - place)):
+                        to = out[n // 4 % 2, n % 4, place + n // 8, segment, left - by : right - by]
                         add_row(sums[n, left:right], to)
             line = end
 
@@ -218,7 +231,7 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
 def add_tile_row(images, gains, first, last, side, which, scratch, sums, out):  # type: ignore[no-untyped-def]
     """Add sums over one row of tiles, lines first .. last - 1 of one sensor, to out (4, modes + 1, tile columns).
 
-    scratch (3, side, w), sums (4, w) are working space, w: ``whole_groups`` of pixels; the rest as in ``tile_sums``.
+    scratch (3, side, w), sums (8, w) are working space, w: ``whole_groups`` of pixels; the rest as in ``tile_sums``.
     """
     residual, weight, light, white, _, gain, of_edges = images
     for line in range(first, last):
@@ -231,18 +244,18 @@ def add_tile_row(images, gains, first, last, side, which, scratch, sums, out):  
                 blur_row(light, line, scratch[1, k])
             elif m == WHOLE:
                 whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], scratch[2, k])
-    for place in range(which.size):
-        m = which[place]
-        mode, begin = mode_lines(m, images, scratch, first)
+    for place in range(0, which.size, 2):
+        stop_place = min(place + 2, which.size)
+        modes, begins = two_modes(which[place], which[stop_place - 1], images, scratch, first)
         for at in range(0, residual.shape[1], GROUP):
-            sum_mode(
+            sum_modes(
                 residual,
                 weight,
                 light,
                 of_edges,
                 gains,
-                mode,
-                begin,
+                modes,
+                begins,
                 first,
                 last,
                 at,
@@ -250,8 +263,8 @@ def add_tile_row(images, gains, first, last, side, which, scratch, sums, out):  
                 (np.float32(1),),
                 sums,
             )
-        for part in range(4):
-            gather(sums[part], side, out[part, place])
+        for n in range(4 * (stop_place - place)):
+            gather(sums[n], side, out[n % 4, place + n // 4])
     for at in range(0, residual.shape[1], GROUP):
         sum_energy(residual, weight, light, gains, first, last, at, sums)
     gather(sums[0], side, out[0, which.size])
@@ -278,7 +291,7 @@ def tile_sums(images, gains, side, which, first, last, out):  # type: ignore[no-
     own_gains = np.zeros((sensors, 1, wide), np.float32)
     own_gains[:, 0, :pixels] = gains
     scratch = np.zeros((3, side, wide), np.float32)
-    sums = np.empty((4, wide), np.float32)
+    sums = np.empty((8, wide), np.float32)
     here = np.empty((4, which.size + 1, out.shape[3]), np.float32)
     for tile in range(first, last):
         here[:] = np.float32(0)

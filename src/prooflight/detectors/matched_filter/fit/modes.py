@@ -54,8 +54,8 @@ class Modes:
     properties."""
     sensors: int
     shown: NDArray[np.bool_] | None = None
-    """(channels, strips) which ``STRETCH`` lines of each image show anything, of moved images; None: any may. Others
-    of gain and dot gain may hold anything until they are ``cleared``."""
+    """(channels, ., .) which ``CELL`` pixels of ``STRETCH`` lines of each image show anything, of moved images; None:
+    any may. Others of gain and dot gain may hold anything until they are ``cleared``."""
     add: NDArray[np.float32] | None = None
     """(sensors, 4, lines, pixels) J (1 - a): effect of each ink printed where it is not; None: not computed.
     [DN]"""
@@ -84,7 +84,8 @@ class Modes:
         """Return one sensor's images, as the kernels take them."""
         shown = self.shown
         if shown is None:
-            shown = np.ones((len(self.images), -(-self.images.shape[1] // STRETCH)), bool)
+            channels, lines, pixels = self.images.shape
+            shown = np.ones((channels, -(-lines // STRETCH), -(-pixels // CELL)), bool)
         gain, dot = (shown[INKS * at : INKS * (at + 1)] for at in (sensor, self.sensors + sensor))
         return InkImages(
             gain=self.gain[sensor],
@@ -97,8 +98,10 @@ class Modes:
     def cleared(self) -> None:
         """Set to 0 what is not ``shown``."""
         if self.shown is not None:
-            for channel, strip in np.argwhere(~self.shown[: 2 * INKS * self.sensors]):
-                self.images[channel, STRETCH * strip : STRETCH * (strip + 1)] = 0
+            lines, pixels = self.images.shape[1:]
+            for image, shown in zip(self.images, self.shown[: 2 * INKS * self.sensors], strict=False):
+                blank = np.repeat(np.repeat(~shown, STRETCH, axis=0), CELL, axis=1)
+                np.copyto(image, 0, where=blank[:lines, :pixels])
 
     def _of_inks(self, part: int) -> NDArray[np.float32]:
         size = self.sensors * INKS
@@ -329,7 +332,7 @@ def moved_modes(images: QuantisedImages, seen: PixelMap, sensors: int, *, thread
 def _moved(
     images: NDArray[np.float32] | QuantisedImages, seen: PixelMap, blank: int, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return moved images, whose blank lines are set to 0 from image ``blank`` on, and ``Modes.shown`` of them."""
+    """Return moved images, whose blank cells are set to 0 from image ``blank`` on, and ``Modes.shown`` of them."""
     taken: NDArray[np.generic]
     if isinstance(images, QuantisedImages):
         taken, units, filled = images.levels, images.units, images.filled
@@ -344,7 +347,7 @@ def _moved(
         ],
         threads=threads,
     )
-    shown = np.empty((len(taken), of_parts[0].shape[1]), bool)
+    shown = np.empty((len(taken), *of_parts[0].shape[1:]), bool)
     for part, of_part in zip(parts, of_parts, strict=True):
         shown[part] = of_part
     return out, shown

@@ -47,6 +47,8 @@ PLAIN: Final = 0.02
 """Variance of a halftone, as a share of the noise's, up to which a square is used to measure noise."""
 LEAST_PLAIN: Final = 0.05
 """Share of all squares, the plainest, that are used where fewer are so plain. [-]"""
+MEDIAN_BITS: Final = 19
+"""Last bits of a number that its step leaves out: a sixteenth of an octave."""
 NOISE_FACTORS: Final = (0.4, 2.6)
 """Bounds of true over stated variance: sigma is wrong by a factor of 0.67 to 1.5 (worlds.toml), plus a
 margin."""
@@ -215,7 +217,21 @@ def noise_of(flat: NDArray[np.float32], residual_variance: ResidualVariance) -> 
     rest = float(ratio[plain].mean(dtype=np.float64))
     if rest > 1:
         return 1.0
-    return float(np.clip(np.median(square[plain], overwrite_input=True) / 0.6745**2 - rest, *NOISE_FACTORS))
+    return float(np.clip(median_of(square[plain]) / 0.6745**2 - rest, *NOISE_FACTORS))
+
+
+def median_of(values: NDArray[np.float32]) -> float:
+    """Return the median of numbers (n,) of at least 0, in a third of the time that ``np.median`` takes.
+
+    The first bits of such numbers are in their order: only those are sorted that have the same as the middle.
+    """
+    middle = (values.size - 1) // 2, values.size // 2
+    steps = values.view(np.int32) >> MEDIAN_BITS
+    ends = np.cumsum(np.bincount(steps))
+    first, last = np.searchsorted(ends, middle, side="right")
+    near = np.sort(values[(steps >= first) & (steps <= last)])
+    before = ends[first - 1] if first else 0
+    return float(near[middle[0] - before : middle[1] - before + 1].mean())
 
 
 LOCAL_PIXELS: Final = 16

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -215,13 +215,14 @@ def _filtering(
     light: NDArray[np.float32],
 ) -> Callable[..., None]:
     """Return the filtering kernel with all arguments but the range of lines; values: of one table."""
+    by_groups = replace(where, along=where.along.of_groups())
     return partial(
         filter_moved_lines,
         values,
         raster.starts,
         raster.beyond,
         raster.columns,
-        *where.passes(footprint, pixel_mm),
+        *by_groups.passes(footprint, pixel_mm),
         where.phase_bits,
         light=light,
     )

@@ -55,6 +55,13 @@ class Nodes:
     segment: int
     """Columns between nodes."""
 
+    def of_groups(self) -> Nodes:
+        """Return the same with a node at each group of columns."""
+        share = np.arange(0, self.segment, GROUP) / self.segment
+        between = self.places[:, :-1, None] + share * np.diff(self.places)[..., None]
+        places = np.concatenate([between.reshape(len(self.places), -1), self.places[:, -1:]], axis=1)
+        return Nodes(places=places, pitch=self.pitch, segment=GROUP)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SamplingGrid:
@@ -135,7 +142,7 @@ def sampling_grid(
     bend, still = BEND_PIXELS * ratio, placement.is_shift
     if along_first:
         across = _nodes(column_on_line, lines, geometry.pixels, bend=bend, within=True)
-        along = _nodes(row_on_line, lines, columns, bend=bend, within=True, most=NODE_PITCH)
+        along = _nodes(row_on_line, lines, columns, bend=bend, within=True)
     else:
         across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
         along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
@@ -158,12 +165,11 @@ def _nodes(
     bend: float,
     still: bool = False,
     within: bool = False,
-    most: int = MOST_COLUMNS,
 ) -> Nodes:
     """Return nodes as coarse as the curvature of places allows.
 
     still: the point seen at a column is the same in every row, but for the row's own place, so one cell down
-    is enough. within: places are wanted at columns of the page alone. most: greatest distance of nodes across.
+    is enough. within: places are wanted at columns of the page alone.
     """
     pitch = max(rows, 1) if still else NODE_PITCH
     down = np.arange(-(-rows // pitch) + 1, dtype=np.float64) * pitch
@@ -178,7 +184,7 @@ def _nodes(
         return places
 
     places, segment = at(NODE_PITCH), NODE_PITCH
-    while segment < min(columns, most) and _straight(places, bend):
+    while segment < min(columns, MOST_COLUMNS) and _straight(places, bend):
         places, segment = at(2 * segment), 2 * segment
     return Nodes(places=places, pitch=pitch, segment=segment)
 

@@ -1,4 +1,4 @@
-"""Extremes of rows of numbers, by their bits: loops for the greatest of whole numbers run in vectors, of others not."""
+"""Greatest numbers of rows, by their bits: loops for the greatest of whole numbers run in vectors, of others not."""
 
 from __future__ import annotations
 
@@ -14,12 +14,3 @@ def greatest_of(row):  # type: ignore[no-untyped-def]
     for x in range(bits.size):
         most = max(most, bits[x])
     return np.int32(most).view(np.float32)
-
-
-@inner_kernel()
-def smallest_of(row):  # type: ignore[no-untyped-def]
-    """Return the smallest number of a row, at most 0: of bits without a sign, it has the greatest."""
-    bits, most = row.view(np.uint32), np.uint32(1 << 31)
-    for x in range(bits.size):
-        most = max(most, bits[x])
-    return np.uint32(most).view(np.float32)

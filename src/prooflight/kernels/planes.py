@@ -2,13 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
 
 from prooflight.kernels.area_averages import STEPS
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.vectors import INT, number_at
 
 HALVINGS = 16
 """Number of bisections that find a factor on inks, of at most some hundred, to less than a byte of ink."""
+
+
+def recipes_at(builder: Any, packed: Any, place: Any, count: int) -> Any:
+    """Return the address of ``count`` adjacent recipes of a packed raster, for an intrinsic's loads and stores."""
+    return builder.bitcast(number_at(builder, packed, place), ir.VectorType(INT, count).as_pointer())
+
+
+def composed_recipes(builder: Any, packed: Any, places: Any, count: int) -> Any:
+    """Return a vector of ``count`` recipes whose inks are taken from four places of a packed raster, cyan first."""
+    total = None
+    for ink, place in enumerate(places):
+        mask = ir.Constant(ir.VectorType(INT, count), [ir.Constant(INT, 255 << (8 * ink))] * count)
+        part = builder.and_(builder.load(recipes_at(builder, packed, place, count), align=4), mask)
+        total = part if total is None else builder.or_(total, part)
+    return total
+
+
+def any_differ(builder: Any, recipes: Any, others: Any) -> Any:
+    """Return whether any recipe of two vectors differs, a truth value of the compiled loop."""
+    bits = ir.IntType(recipes.type.count)
+    flags = builder.bitcast(builder.icmp_unsigned("!=", recipes, others), bits)
+    return builder.icmp_unsigned("!=", flags, bits(0))
 
 
 @inner_kernel()

@@ -10,6 +10,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from prooflight.kernels.compiled import inner_kernel
+
 INT, LONG, FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
 FUSED = ("contract",)
 """Flag by which a product and a sum may be one instruction."""
@@ -17,6 +19,12 @@ LINE_BYTES: Final = 64
 """Bytes that a processor reads from memory at once."""
 GROUP: Final = 16
 """Usual size of a ``Group``."""
+
+
+@inner_kernel()
+def whole_groups(pixels):  # type: ignore[no-untyped-def]
+    """Return the number of pixels, rounded up to whole groups."""
+    return (pixels + GROUP - 1) // GROUP * GROUP
 
 
 class Group:

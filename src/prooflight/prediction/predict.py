@@ -90,6 +90,7 @@ def predict(
         ]
     else:
         raster = raster or raster_light(page, sensors=sensors)
+        where = replace(where, along=where.along.of_groups())
         works = [
             _filtering(raster, values, where, sensor.footprint, design.pixel_mm, out)
             for values, (sensor, out) in zip(raster.values, filtered, strict=True)
@@ -215,14 +216,13 @@ def _filtering(
     light: NDArray[np.float32],
 ) -> Callable[..., None]:
     """Return the filtering kernel with all arguments but the range of lines; values: of one table."""
-    by_groups = replace(where, along=where.along.of_groups())
     return partial(
         filter_moved_lines,
         values,
         raster.starts,
         raster.beyond,
         raster.columns,
-        *by_groups.passes(footprint, pixel_mm),
+        *where.passes(footprint, pixel_mm),
         where.phase_bits,
         light=light,
     )

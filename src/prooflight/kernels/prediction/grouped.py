@@ -8,17 +8,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.planes import compose_pixels
+from prooflight.kernels.planes import any_differ, compose_pixels, composed_recipes, recipes_at
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.lookup import lookup_light
 from prooflight.kernels.prediction.summing import GROUP
-from prooflight.kernels.vectors import INT, fetch, number_at
+from prooflight.kernels.vectors import fetch
 
 AHEAD = 3
 """Rows ahead of the composed one, of the plane that lies highest, that are fetched from memory."""
@@ -65,30 +64,15 @@ def compose_group(context, packed, cyan, magenta, yellow, black, composed, above
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        packed, composed, pixels = (
+        packed, composed_data, pixels = (
             make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 5, 8)
         )
-        group = ir.VectorType(INT, GROUP)
-
-        def loaded(array: Any, place: Any) -> Any:
-            pointer = builder.bitcast(number_at(builder, array, place), group.as_pointer())
-            return builder.load(pointer, align=4)
-
-        def stored(value: Any, array: Any, place: Any) -> None:
-            builder.store(
-                value, builder.bitcast(number_at(builder, array, place), group.as_pointer()), align=4
-            )
-
-        total = None
-        for ink in range(4):
-            byte = ir.Constant(INT, 255 << (8 * ink))
-            part = builder.and_(loaded(packed, args[1 + ink]), ir.Constant(group, [byte] * GROUP))
-            total = part if total is None else builder.or_(total, part)
-        differs = builder.icmp_unsigned("!=", total, loaded(composed, args[6]))
-        stored(total, composed, args[7])
-        stored(total, pixels, args[9])
-        every = builder.bitcast(differs, ir.IntType(GROUP))
-        return builder.icmp_unsigned("!=", every, ir.Constant(ir.IntType(GROUP), 0))
+        recipes = composed_recipes(builder, packed, args[1:5], GROUP)
+        above = builder.load(recipes_at(builder, composed_data, args[6], GROUP), align=4)
+        differs = any_differ(builder, recipes, above)
+        for array, place in ((composed_data, args[7]), (pixels, args[9])):
+            builder.store(recipes, recipes_at(builder, array, place, GROUP), align=4)
+        return differs
 
     whole = types.int64
     places = (whole, whole, whole, whole)

@@ -16,6 +16,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 from prooflight.kernels.compiled import inner_kernel
+from prooflight.kernels.planes import any_differ, composed_recipes, recipes_at
 from prooflight.kernels.vectors import (
     INT,
     LONG,
@@ -204,20 +205,13 @@ def displace_eight(context, packed, c, m, y, k, seen, at):  # type: ignore[no-un
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         packed, seen = (make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 5))
-        eight = ir.VectorType(INT, EIGHT)
-
-        def pointer(array: Any, place: Any) -> Any:
-            return builder.bitcast(number_at(builder, array, place), eight.as_pointer())
-
-        parts = []
-        for ink, place in enumerate(args[1:5]):
-            mask = ir.Constant(eight, [ir.Constant(INT, 255 << 8 * ink)] * EIGHT)
-            parts.append(builder.and_(builder.load(pointer(packed, place), align=4), mask))
-        recipes = builder.or_(builder.or_(parts[0], parts[1]), builder.or_(parts[2], parts[3]))
-        target = pointer(seen, args[6])
-        other = builder.icmp_unsigned("!=", recipes, builder.load(target, align=4))
+        recipes, target = (
+            composed_recipes(builder, packed, args[1:5], EIGHT),
+            recipes_at(builder, seen, args[6], EIGHT),
+        )
+        differs = any_differ(builder, recipes, builder.load(target, align=4))
         builder.store(recipes, target, align=4)
-        return builder.icmp_unsigned("!=", builder.bitcast(other, ir.IntType(EIGHT)), ir.IntType(EIGHT)(0))
+        return differs
 
     whole = types.int64
     return types.boolean(packed, whole, whole, whole, whole, seen, whole), generate

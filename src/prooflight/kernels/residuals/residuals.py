@@ -15,7 +15,7 @@ from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import LEAST_AREA, LEVELS, SHAPES
 from prooflight.kernels.residuals.moving import CELL, STRETCH, any_of
-from prooflight.kernels.vectors import FLOAT, GROUP, INT, LONG, Group, Rows, filled
+from prooflight.kernels.vectors import FLOAT, GROUP, INT, LONG, Group, Rows, filled, whole_groups
 
 _SAME = np.float32(0.004)
 """Difference of ink areas below which recipes count as one."""
@@ -286,7 +286,7 @@ def residuals(  # type: ignore[no-untyped-def]
     lines, pixels = measured.shape
     gain, dot, cover, shown = inks.gain, inks.dot, inks.cover, inks.shown
     weights, by_column, gains, dots, planes = fitted
-    wide, cells = (pixels + GROUP - 1) // GROUP * GROUP, shown.shape[3]
+    wide, cells = whole_groups(pixels), shown.shape[3]
     columns, row = np.zeros((4, wide), np.float32), np.empty((1, wide), np.float32)
     columns[0, :pixels], columns[1, :pixels] = offset, by_column
     for x in range(pixels):
@@ -432,7 +432,7 @@ def variances(  # type: ignore[no-untyped-def]
     share.
     """
     lines, pixels = light.shape
-    wide = (pixels + GROUP - 1) // GROUP * GROUP
+    wide = whole_groups(pixels)
     squares, rows = np.zeros((3, GROUP + wide + GROUP), np.float32), np.empty((2, wide), np.float32)
     begin = max(first, 2)
     for line in range(first, last):

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of
 from prooflight.kernels.prediction.filtering import copy_row
-from prooflight.kernels.statistics.tiles import whole_groups
-from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled
+from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled, whole_groups
 
 SHARES = 4
 """Number of classes of the edges' share of the information, and as many of the information itself."""

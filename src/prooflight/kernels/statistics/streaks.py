@@ -17,8 +17,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.statistics.boxes import add_to
-from prooflight.kernels.statistics.tiles import whole_groups
-from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled
+from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled, whole_groups
 
 ABOUT = 16
 """Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.

@@ -18,7 +18,7 @@ from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.residuals.binning import add_row
-from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled, sums_of_lines
+from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled, sums_of_lines, whole_groups
 
 VOID, BLUR, WHOLE = 1 + 2 * INKS, 2 + 2 * INKS, 3 + 2 * INKS
 """Numbers of modes: light, each ink added (4), each ink's gain (4), void, blur and all inks' gain."""
@@ -47,12 +47,6 @@ class ResidualImages(NamedTuple):
     """``Modes.gain``, (..., 4, lines, pixels). [DN]"""
     of_edges: NDArray[np.float32]
     """Share of the variance due to edges. [-]"""
-
-
-@inner_kernel()
-def whole_groups(pixels):  # type: ignore[no-untyped-def]
-    """Return the number of pixels, rounded up to whole groups."""
-    return (pixels + GROUP - 1) // GROUP * GROUP
 
 
 @intrinsic

@@ -160,8 +160,7 @@ class Pager:
         near = self._following.thumbnails_near()[:2]
         if not near:
             return
-        light = near[0].light.astype(np.float32) / np.float32(STEPS)
-        sheet = self._store.lines_of(light.repeat(SHRINK, axis=0).repeat(SHRINK, axis=1))
+        sheet = self._store.lines_of(near[0].white.repeat(SHRINK, axis=0).repeat(SHRINK, axis=1))
         gap = np.repeat(self._store.backing_dn[:, None], self._lead_in + self._lead_out, axis=1)
         rehearsal = Pager(self._press, expected=near)
         rehearsal.push(LineBlock(first_line=0, lines=np.concatenate([gap, sheet, gap], axis=1), time_s=0.0))

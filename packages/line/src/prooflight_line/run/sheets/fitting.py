@@ -76,7 +76,7 @@ def inside(page: Thumbnail, geometry: ScanGeometry) -> tuple[int, int, int, int]
 def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, longer: float = 0.0) -> Fit:
     """Register a scan's light (rows, columns) to a page. longer: the sheet's length less the page's. [rows]"""
     rows, box = len(page.light), inside(page, geometry)
-    expected = page.light.astype(np.float32) / np.float32(STEPS)
+    expected = page.white
     seen = seen[:rows] if len(seen) >= rows else np.pad(seen, ((0, rows - len(seen)), (0, 0)), mode="edge")
     expected_detail = detail(expected)
     reach = REACH + int(np.ceil(max(-longer, 0))), REACH + int(np.ceil(max(longer, 0)))

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
-from prooflight.kernels.thumbnails import STEPS
 from prooflight_line.run.sheets.fitting import evidence, inside, is_blank, lay, taped_rows
 from prooflight_line.run.sheets.readings import UNWATCHED, Reading, Readings
 from prooflight_line.run.sheets.records import Fault, MissingPage
@@ -178,7 +177,7 @@ class Following:
         return best
 
     def _is_blank(self, page: Thumbnail) -> bool:
-        return is_blank(page.light.astype(np.float32) / np.float32(STEPS), inside(page, self._geometry))
+        return is_blank(page.white, inside(page, self._geometry))
 
     def _near(self) -> list[int]:
         """Return the pages that a sheet is compared with first."""

@@ -87,6 +87,11 @@ class Thumbnail:
         )
 
     @property
+    def white(self) -> NDArray[np.float32]:
+        """Its light (rows, columns). [white]"""
+        return self.light.astype(np.float32) / np.float32(STEPS)
+
+    @property
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Its values as arrays, by name."""
         size_mm = np.array([self.width_mm, self.height_mm])

@@ -64,7 +64,7 @@ LEAST_COST: Final = 0.05
 
 
 class _Renderer(NamedTuple):
-    """What renders some of the patches for one sensor, again and again."""
+    """Renderer of some of the patches for one sensor; it keeps their recipes and light between renderings."""
 
     patches: SensorPatches
     table: QuantisedTable
@@ -113,7 +113,7 @@ class Patches:
     misfit: float = 0.0
     """Cost of a pixel of the median patch at the best displacements. [-]"""
     renderers: list[_Renderer] = field(default_factory=list)
-    """What renders the patches, from the first time on."""
+    """Renderers of the patches, made at the first rendering."""
     left: dict[Steps, NDArray[np.float64]] = field(default_factory=dict)
     """Results of ``without_light`` by displacement."""
     cached_costs: dict[Steps, tuple[float, float, float]] = field(default_factory=dict)
@@ -235,7 +235,7 @@ class Patches:
         return left
 
     def _all_renderers(self) -> list[_Renderer]:
-        """Return what renders each sensor's parts of the patches, sensor by sensor."""
+        """Return the renderers of each sensor's parts of the patches, sensor by sensor."""
         landmarks, overlaps = self.landmarks, self.overlaps
         # A stated screen has more contrast than tiles are allowed where none is.
         beyond = landmarks.halftone**2 - HALFTONE**2

@@ -35,7 +35,7 @@ class Workspace(NamedTuple):
     tilt: NDArray[np.float32]
     """Their derivatives by the page's displacement along."""
     lines: NDArray[np.int64]
-    """Where each line's raster rows and weights begin, (2, size)."""
+    """Places at which each line's raster rows and weights begin, (2, size)."""
     columns: NDArray[np.int64]
     """The same of each column's raster columns."""
 

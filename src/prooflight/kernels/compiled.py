@@ -29,7 +29,7 @@ from typing import Any, Final, Self
 from numba import config, njit
 
 from prooflight.kernels.cache import keep
-from prooflight.kernels.self_contained import SelfContainedCompiler
+from prooflight.kernels.self_contained import InnerCompiler, SelfContainedCompiler
 
 Function = Callable[..., Any]
 Extents = tuple[int, ...]
@@ -50,7 +50,9 @@ def inner_kernel(**options: Any) -> Callable[[Function], InnerKernel]:
     """Compile a loop that only compiled loops call; options: numba's."""
 
     def decorate(function: Function) -> InnerKernel:
-        return InnerKernel(_compiled(function, options | {"no_cpython_wrapper": True}), function)
+        return InnerKernel(
+            _compiled(function, InnerCompiler, options | {"no_cpython_wrapper": True}), function
+        )
 
     return decorate
 
@@ -59,13 +61,14 @@ def kernel(shapes: str, *, where: str = "", **options: Any) -> Callable[[Functio
     """Compile a loop that Python calls, with the shapes that it takes; where: see above; options: numba's."""
 
     def decorate(function: Function) -> Kernel:
-        return Kernel(_compiled(function, options), function, Contract.of(function, shapes, where))
+        compiled = _compiled(function, SelfContainedCompiler, options)
+        return Kernel(compiled, function, Contract.of(function, shapes, where))
 
     return decorate
 
 
-def _compiled(function: Function, options: dict[str, Any]) -> Function:
-    compiled: Function = njit(nogil=True, pipeline_class=SelfContainedCompiler, **OPTIONS | options)(function)
+def _compiled(function: Function, compiler: type[SelfContainedCompiler], options: dict[str, Any]) -> Function:
+    compiled: Function = njit(nogil=True, pipeline_class=compiler, **OPTIONS | options)(function)
     keep(compiled, function)
     return compiled
 

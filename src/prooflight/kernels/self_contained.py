@@ -22,6 +22,7 @@ import re
 from typing import Any, Final
 
 from llvmlite.binding import Linkage, parse_assembly  # type: ignore[import-untyped]
+from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
@@ -53,14 +54,52 @@ class SelfContainedLibrary(JITCodeLibrary):
         super()._finalize_final_module()
 
 
+class InnerLibrary(JITCodeLibrary):
+    """Optimised code of a loop that only kernels call, which get a copy each; no machine code is made of it."""
+
+    _final_module: Any
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Return what the cache stores, which is bitcode here."""
+        return self.name, "bitcode", self._get_module_for_linking().as_bitcode()
+
+
 class SelfContainedCompiler(Compiler):
     """Numba's compiler, with a ``SelfContainedLibrary`` for each kernel."""
 
+    library_class: type[JITCodeLibrary] = SelfContainedLibrary
+
     def _compile_core(self) -> Any:
         state = self.state
-        state.library = SelfContainedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = self.library_class(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()  # so that it can be stored
         return super()._compile_core()
+
+
+class InnerCompiler(SelfContainedCompiler):
+    """Numba's compiler, with an ``InnerLibrary`` for each loop that only kernels call.
+
+    Machine code of these loops would never run, and took a sixth of the time of compiling.
+    """
+
+    library_class = InnerLibrary
+
+    def _compile_core(self) -> Any:
+        state = self.state
+        state.flags.no_compile = True
+        result = super()._compile_core()
+        # Numba finds a loop's code by the function that Python would call, whose address is none here.
+        name = result.fndesc.qualname.split(".")[-1]
+        entry = _dynfunc.make_function(
+            result.fndesc.lookup_module(), name, "", 0, result.environment, (result.library,)
+        )
+        state.targetctx.insert_user_function(entry, result.fndesc, [result.library])
+        return result._replace(entry_point=entry)
 
 
 def wherever_arrays_lie(text: str) -> str:

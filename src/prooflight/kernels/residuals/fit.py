@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.residuals.moving import CELL, STRETCH
 from prooflight.kernels.vectors import FLOAT, INT, LONG, Group, Rows, filled, number_at, sums_of_lines
 
@@ -223,7 +224,7 @@ def block_sums(  # type: ignore[no-untyped-def]
     gain, dot, texture, cover, shown = inks
     columns = np.ones((2, pixels), np.float32)
     columns[0, 0] = columns[0, pixels - 1] = np.float32(0)
-    columns[1] = offset
+    copy_row(offset, columns[1])
     bare = bells[0, 0] * bells[1, 0] * bells[2, 0] * bells[3, 0]
     light, recipes = np.empty((EIGHT, EIGHT), np.float32), np.empty((EIGHT, EIGHT), np.int32)
     out[:] = np.float32(0)

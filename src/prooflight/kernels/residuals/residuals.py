@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.residuals.fit import LEAST_AREA, LEVELS, SHAPES
 from prooflight.kernels.residuals.moving import CELL, STRETCH, any_of
 from prooflight.kernels.vectors import FLOAT, GROUP, INT, LONG, Group, Rows, filled, whole_groups
@@ -254,7 +255,8 @@ def padded(image, line):  # type: ignore[no-untyped-def]
     """Return a line of an image with those above and below it, (3, w): groups may extend beyond their ends."""
     pixels = image.shape[1]
     out = np.zeros((3, pixels + GROUP), np.float32)
-    out[:, :pixels] = image[line - 1 : line + 2]
+    for row in range(3):
+        copy_row(image[line - 1 + row], out[row, :pixels])
     return out
 
 
@@ -288,7 +290,8 @@ def residuals(  # type: ignore[no-untyped-def]
     weights, by_column, gains, dots, planes = fitted
     wide, cells = whole_groups(pixels), shown.shape[3]
     columns, row = np.zeros((4, wide), np.float32), np.empty((1, wide), np.float32)
-    columns[0, :pixels], columns[1, :pixels] = offset, by_column
+    copy_row(offset, columns[0, :pixels])
+    copy_row(by_column, columns[1, :pixels])
     for x in range(pixels):
         columns[3, x] = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
     singles = single_shapes(bells, weights)

@@ -6,6 +6,7 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of
+from prooflight.kernels.prediction.filtering import copy_row
 
 WINDOWS = (1, 2, 4, 8)
 """Sides of the windows, each twice the one before. [pixels]"""
@@ -262,7 +263,7 @@ def window_extremes(  # type: ignore[no-untyped-def]
             evidence_row(residual[s, line], weight[s, line], light[s, line], push, power)
         if channels > 1:
             for part in range(2):
-                ring[sensors, 0, part, slot] = ring[0, 0, part, slot]
+                copy_row(ring[0, 0, part, slot], ring[sensors, 0, part, slot])
                 for s in range(1, sensors):
                     pair_rows(ring[s, 0, part, slot], ring[sensors, 0, part, slot])
         for channel in range(channels):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.extremes import greatest_of
 from prooflight.kernels.prediction.filtering import copy_row
+from prooflight.kernels.statistics.boxes import add_to
 from prooflight.kernels.vectors import GROUP, LONG, Group, Rows, filled, whole_groups
 
 SHARES = 4
@@ -159,15 +160,20 @@ def extremes_of_tally(tally, mode, squares, overlap, values, places):  # type: i
     """
     values[:] = 0
     places[:] = 0
-    histogram, ends, at = tally.histogram[mode, :CLASSES], tally.ends[mode], tally.at[mode]
-    total = histogram.sum()
+    histogram, ends, at = tally.histogram[mode], tally.ends[mode], tally.at[mode]
+    counts, of_all, total = np.zeros(CLASSES, np.int64), np.zeros(BINS, np.int64), 0
+    for k in range(CLASSES):
+        add_to(histogram[k], of_all)
+        for i in range(BINS):
+            counts[k] += histogram[k, i]
+        total += counts[k]
     if total == 0:
         return
     values[4] = squares / total
     n = total / overlap
-    of_page = (n * quantile_of(histogram.sum(axis=0), total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
+    of_page = (n * quantile_of(of_all, total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
     for k in range(CLASSES):
-        count = histogram[k].sum()
+        count = counts[k]
         if count == 0:
             continue
         n = count / overlap
@@ -178,7 +184,7 @@ def extremes_of_tally(tally, mode, squares, overlap, values, places):  # type: i
             for place, value in ((end, ends[k, end]), (2 + end, ends[k, end] / scale)):
                 if sign * value > sign * values[place]:
                     values[place] = value
-                    places[place] = at[k, end]
+                    places[place, 0], places[place, 1] = at[k, end, 0], at[k, end, 1]
 
 
 @kernel("maps (3, M, H, W), scatter (M, 3), least, overlap, values (M, 5), places (M, 4, 2)")

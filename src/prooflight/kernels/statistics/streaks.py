@@ -62,14 +62,18 @@ def levelled_parts(columns, length, step, prior_power, wide, out):  # type: igno
         begin, end = part * step, part * step + length
         for mode in range(modes):
             for i in range(4):
-                sums[i] = columns[i, mode, begin]
+                copy_row(columns[i, mode, begin], sums[i])
                 for k in range(begin + 1, end):
-                    sums[i] += columns[i, mode, k]
+                    add_to(columns[i, mode, k], sums[i])
             own, rest = out[0, mode, part], out[1, mode, part]
             edges, uneven = out[2, mode, part], out[3, mode, part]
-            own[:], rest[:], edges[:], uneven[:] = sums[0], sums[1], sums[3], np.float32(0)
+            copy_row(sums[0], own)
+            copy_row(sums[1], rest)
+            copy_row(sums[3], edges)
+            uneven[:] = np.float32(0)
             if mode == 0:
-                common[0], common[1] = sums[0], sums[1]
+                copy_row(sums[0], common[0])
+                copy_row(sums[1], common[1])
             else:
                 for x in range(width):
                     share[x] = sums[2, x] / (common[1, x] + prior_power)
@@ -279,10 +283,13 @@ def slanted(push, power, mirrored, smallest, first, least, most_of_half, values,
                 if strip % 2 == 0:
                     break
                 level, strip = level + 1, strip // 2
-    values[:] = np.sqrt(values)
-    if mirrored:
+    for height in range(values.shape[0]):
         for a in range(tallest):
-            places[:, a, :, 1] = np.where(values[:, a] > 0, width - 1 - a - places[:, a, :, 1], 0)
+            for end in range(2):
+                value, place = np.sqrt(values[height, a, end]), places[height, a, end]
+                values[height, a, end] = value
+                if mirrored:
+                    place[1] = width - 1 - a - place[1] if value > 0 else 0
 
 
 @kernel(
@@ -362,7 +369,7 @@ def scales_about(t, informative, clipped, mean, prior, rounds, scale):  # type: 
             if y >= height:
                 row[:] = np.float32(0)
             elif turn == 0:  # the number of tiles that count
-                row[:] = informative[y]
+                copy_row(informative[y], row)
             else:
                 limited_row(t[y], scale[y], clipped, row)
             slide_down(row, ring[y % ABOUT], inner)
@@ -374,7 +381,7 @@ def scales_about(t, informative, clipped, mean, prior, rounds, scale):  # type: 
             pairs_of(second, 4, first[: wide - 7])
             pairs_of(first, 8, second[:width])
             if turn == 0:
-                counts[middle] = second[:width]
+                copy_row(second[:width], counts[middle])
             else:
                 scale_row(second, counts[middle], prior, mean, scale[middle])
 

@@ -283,7 +283,8 @@ def tile_sums(images, gains, side, which, first, last, out):  # type: ignore[no-
     sensors, lines, pixels = residual.shape
     wide = whole_groups(pixels)
     own_gains = np.zeros((sensors, 1, wide), np.float32)
-    own_gains[:, 0, :pixels] = gains
+    for s in range(sensors):
+        copy_row(gains[s], own_gains[s, 0, :pixels])
     scratch = np.zeros((3, side, wide), np.float32)
     sums = np.empty((8, wide), np.float32)
     here = np.empty((4, which.size + 1, out.shape[3]), np.float32)

@@ -92,7 +92,7 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float, finer: int 
     margin = max(math.ceil(separation / 2), 1) + 1
     width, height = width + 2 * margin, height + 2 * margin
     packed = [_cut(page.packed, y - margin, x - margin, height, width) for x, y in corners.tolist()]
-    of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
+    of_planes = np.maximum(*np.moveaxis(scores[..., PAIRS:], 2, 0)) > LEAST_SHARED
     return Overlaps(
         lines=top,
         columns=left,
@@ -115,9 +115,9 @@ def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
     # An ink counts as for the sensor that sees it best.
     light = np.min([light_left(sensor) for sensor in landmarks.sensors], axis=0).astype(np.float32)
     shared_edges(page.packed, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
-    inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
-    inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
-    return inner
+    for border in (scores[:1], scores[-1:], scores[:, :1], scores[:, -1:]):
+        border[...] = 0  # a print that is displaced shows the backing there, or a page's edge
+    return scores
 
 
 def _cut(packed: NDArray[np.uint32], top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
@@ -135,7 +135,7 @@ def _strides(landmarks: Landmarks) -> NDArray[np.int64]:
 
 def _chosen(scores: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return rows and columns of patches: for each pair of planes and edge direction in turn, the best of a region."""
-    lists = [_best(scores[:, :, axis, pair]) for axis in range(2) for pair in range(PAIRS)]
+    lists = _best(scores[..., :PAIRS].reshape(*scores.shape[:2], -1))
     chosen: list[tuple[int, int]] = []
     for turn in range(max(len(one) for one in lists)):
         for one in lists:
@@ -145,13 +145,20 @@ def _chosen(scores: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.
     return rows, columns
 
 
-def _best(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Return the patch with the highest score of every region, best first, if high enough; scores (rows, columns)."""
-    best = []
+def _best(scores: NDArray[np.float64]) -> list[list[tuple[int, int]]]:
+    """Return the patch with the highest score of every region, best first, if high enough, for each kind of edge.
+
+    scores: (rows, columns, kinds).
+    """
+    best: list[list[tuple[float, int, int]]] = [[] for _ in range(scores.shape[2])]
     for rows in np.array_split(np.arange(scores.shape[0]), REGIONS[0]):
         for columns in np.array_split(np.arange(scores.shape[1]), REGIONS[1]):
-            part = scores[np.ix_(rows, columns)]
-            if part.size and part.max() > LEAST_SHARED:
-                row, column = np.unravel_index(part.argmax(), part.shape)
-                best.append((float(part.max()), int(rows[row]), int(columns[column])))
-    return [(row, column) for _, row, column in sorted(best, reverse=True)]
+            if not rows.size or not columns.size:
+                continue
+            part = scores[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].reshape(-1, len(best))
+            places = part.argmax(axis=0)
+            for kind in np.flatnonzero(part[places, np.arange(len(best))] > LEAST_SHARED).tolist():
+                row, column = divmod(int(places[kind]), columns.size)
+                place = int(rows[0]) + row, int(columns[0]) + column
+                best[kind].append((float(part[places[kind], kind]), *place))
+    return [[(row, column) for _, row, column in sorted(one, reverse=True)] for one in best]

@@ -1,4 +1,4 @@
-"""Bar codes looked for only as they run: what all ways find, where they find it."""
+"""Codes looked for only as they run, on a page or alone: what all ways find, where they find it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import zxingcpp
 
 from prooflight.inspection.codes import symbols as library
-from prooflight.inspection.codes.symbols import Symbol, symbols, tried
+from prooflight.inspection.codes.symbols import Symbol, symbols, symbols_of_page, tried
 
 TEXTS = {"Code 128": "PRF-12", "EAN-13": "4006381333931", "ITF": "12345678", "Code 39": "PRF12"}
 
@@ -43,3 +43,17 @@ def test_a_code_is_found_as_it_runs_where_all_ways_find_it(
 def test_a_code_that_does_not_run_as_it_should_is_found_all_the_same() -> None:
     picture = drawn("Code 128", 1)
     assert [one.text for one in islice(tried(picture, "Code 128", along_lines=True), 1)] == ["PRF-12"]
+
+
+@pytest.mark.parametrize("quarter_turns", range(4))
+@pytest.mark.parametrize("symbology", ["Code 128", "EAN-13", "PDF417", "Data Matrix", "QR Code", "Aztec"])
+def test_a_page_s_code_is_found_once_whichever_way_it_runs(symbology: str, quarter_turns: int) -> None:
+    text = TEXTS.get(symbology, "PRF-12")
+    code = zxingcpp.create_barcode(text, zxingcpp.barcode_format_from_str(symbology))
+    printed = np.kron(np.array(code.to_image(scale=1, add_hrt=False)), np.ones((4, 4), np.uint8))
+    picture = np.full((700, 800), 255, np.uint8)
+    turned = np.rot90(printed, quarter_turns)
+    picture[100 : 100 + turned.shape[0], 50 : 50 + turned.shape[1]] = turned
+    (found,), (wanted,) = symbols_of_page(picture), symbols(picture, symbology)
+    assert (found.text, found.symbology) == (text, symbology)
+    assert np.array(found.corners) == pytest.approx(np.array(wanted.corners), abs=2.0)  # half a module

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.inspection.codes.symbols import Profile, Symbol, grey, paper_light, profiles, symbols, tried
+from prooflight.inspection.codes.symbols import (
+    Profile,
+    Symbol,
+    grey,
+    paper_light,
+    profiles,
+    symbols_of_page,
+    tried,
+)
 
 if TYPE_CHECKING:
     from prooflight.pages.job import Job
@@ -44,8 +52,7 @@ def page_codes(
     expected = planned.expected
     everywhere = slice(0, expected.expected_dn.shape[2])
     light = paper_light(expected.expected_dn, sensors, everywhere)
-    symbols_read = symbols(grey(light))
-    codes = [_page_code(one, light, planned, geometry) for one in symbols_read]
+    codes = [_page_code(one, light, planned, geometry) for one in symbols_of_page(grey(light))]
     return tuple(sorted(codes, key=lambda code: code.corner))
 
 

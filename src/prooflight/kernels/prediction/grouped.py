@@ -27,10 +27,15 @@ ALL_FLAT = np.uint64(0x0101010101010101)
 
 @inner_kernel()
 def differing_row(above, here, out):  # type: ignore[no-untyped-def]
-    """Compute where a row (columns,) differs from the one above or from the pixel to the left, out (columns,)."""
-    out[0] = (here[0] ^ above[0]) | here[0]
+    """Compute where a row (columns,) differs from the one above or from the pixel to the left, out (columns,).
+
+    Return whether it does anywhere.
+    """
+    every = out[0] = (here[0] ^ above[0]) | here[0]
     for i in range(1, here.size):
         out[i] = (here[i] ^ above[i]) | (here[i] ^ here[i - 1])
+        every |= out[i]
+    return every != 0
 
 
 @kernel("packed (H, W), reach, changes (H + 1, W // GROUP)", where="0 < W, 1 <= reach")
@@ -44,7 +49,10 @@ def find_changes(packed, reach, changes):  # type: ignore[no-untyped-def]
     differs = np.zeros(columns, np.uint32)
     for row in range(rows + 1):
         above, here = packed[row - 1] if row > 0 else blank, packed[row] if row < rows else blank
-        differing_row(above, here, differs)
+        if not differing_row(above, here, differs) and here[columns - 1] == 0:
+            for group in range(changes.shape[1]):
+                changes[row, group] = False
+            continue
         for group in range(changes.shape[1]):
             near = differs[max(GROUP * group - reach + 1, 0) : GROUP * (group + 1) + reach]
             every = np.uint32(0)

@@ -125,6 +125,20 @@ def any_of(shown):  # type: ignore[no-untyped-def]
     return bits
 
 
+@kernel("image (L, P), scale, levels (L, P)")
+def quantise(image, scale, levels):  # type: ignore[no-untyped-def]
+    """Compute levels (lines, pixels) uint16: an image times ``scale``, rounded."""
+    for line in range(levels.shape[0]):
+        quantise_row(image[line], scale, levels[line])
+
+
+@inner_kernel()
+def quantise_row(row, scale, levels):  # type: ignore[no-untyped-def]
+    """Run ``quantise`` on a row (n,)."""
+    for x in range(levels.size):
+        levels[x] = np.uint16(np.int32(np.rint(row[x] * scale)))
+
+
 @kernel("images (N, L, P), out (N, (L + CELL_LINES - 1) // CELL_LINES, (P + CELL - 1) // CELL)")
 def find_filled(images, out):  # type: ignore[no-untyped-def]
     """Compute which cells of images (n, lines, pixels) show anything, out (n, ., .) uint8."""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.glyphs.letters import find_glyphs, hardened, lines_of
-from prooflight.kernels.statistics.glyphs import PIECE, RUN, filled_pieces, joined_runs, piece_boxes
+from prooflight.kernels.statistics.pieces import PIECE, RUN, filled_pieces, joined_runs, piece_boxes
 from prooflight.pages.raster import Page
 
 DPI = 200.0
@@ -101,10 +101,24 @@ def test_glyphs_beside_each_other_are_of_one_line(order: tuple[int, ...]) -> Non
 
 @given(seed=st.integers(0, 1000), rows=st.integers(1, 150))
 def test_a_raster_of_whole_inks_stays_as_it_is(seed: int, rows: int) -> None:
-    """Squares of 2 x 2 pixels and more: a band's end cuts none otherwise than the raster does."""
+    """Squares of 2 x 2 pixels and more."""
     ink = np.random.default_rng(seed).random((rows, 9)) < 0.5
     cmyk = np.kron(ink, np.ones((2, 2)))[..., None] * np.array(BLACK)
-    np.testing.assert_array_equal(hardened(cmyk.astype(np.uint8)), cmyk)
+    packed = cmyk.astype(np.uint8).view(np.uint32)[..., 0]
+    np.testing.assert_array_equal(hardened(packed), packed)
+
+
+@given(seed=st.integers(0, 1000), rows=st.integers(1, 9), columns=st.integers(1, 20), every=st.integers(1, 4))
+def test_an_ink_becomes_the_nearer_of_the_extremes_about_it(
+    seed: int, rows: int, columns: int, every: int
+) -> None:
+    cmyk = np.random.default_rng(seed).integers(0, 256, (rows, columns, 4), np.uint8)
+    wide = np.pad(cmyk.astype(int), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    about = np.stack([wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3)])
+    most, least = about.max(axis=0), about.min(axis=0)
+    wanted = np.where(most - cmyk > cmyk - least, least, most)[::every]
+    found = hardened(cmyk.view(np.uint32)[..., 0], every=every)
+    np.testing.assert_array_equal(found[..., None].view(np.uint8), wanted)
 
 
 @pytest.mark.parametrize(("part", "box"), [(64, [60, 40, 9, 12]), (191, [59, 39, 11, 13])])

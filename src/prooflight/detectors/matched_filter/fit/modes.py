@@ -19,7 +19,15 @@ from prooflight.detectors.matched_filter.fit.binning import thinned
 from prooflight.kernels.memory import unset
 from prooflight.kernels.prediction.lookup import NODES
 from prooflight.kernels.residuals.fit import InkImages
-from prooflight.kernels.residuals.moving import CELL, CELL_LINES, STRETCH, find_filled, move_smooth, within
+from prooflight.kernels.residuals.moving import (
+    CELL,
+    CELL_LINES,
+    STRETCH,
+    find_filled,
+    move_smooth,
+    quantise,
+    within,
+)
 from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.predict import predict_light
@@ -174,7 +182,8 @@ def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanG
     channels = len(sensors) * (2 * INKS + 1) + INKS
     images = np.empty((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
     modes = Modes(images=images, sensors=len(sensors))
-    present = [ink for ink in range(INKS) if page.cmyk[::2, ::2, ink].any()]
+    used = int(np.bitwise_or.reduce(page.packed[::2, ::2], axis=None))
+    present = [ink for ink in range(INKS) if (used >> (8 * ink)) & 255]
     for ink in set(range(INKS)) - set(present):
         for blank in (modes.gain[:, ink], modes.dot[:, ink], modes.cover[ink]):
             blank[...] = 0
@@ -255,7 +264,10 @@ class QuantisedImages:
         for n, image in enumerate(images):
             low, high = float(image.min()), float(image.max())
             units[n] = (high if high > -low else low) / MOST_LEVELS
-            levels[n] = np.rint(image * np.float32(1 / units[n])) if units[n] else 0
+            if units[n]:
+                quantise(image, np.float32(1 / units[n]), levels[n])
+            else:
+                levels[n] = 0
         return cls(levels=levels, units=units, filled=filled_cells(levels))
 
     @property
@@ -339,7 +351,8 @@ def _moved(
     else:
         taken, units, filled = images, np.ones(len(images), np.float32), filled_cells(images)
     out, which = unset(taken.shape), np.arange(len(taken))
-    parts = [which[first::threads] for first in range(threads)]
+    # Contiguous, as a single part is: the kernel is then compiled for one kind of array.
+    parts = [np.ascontiguousarray(which[first::threads]) for first in range(threads)]
     of_parts = shared_out(
         [
             partial(move_smooth, taken, units, filled, part, seen.across, seen.along, blank, out)

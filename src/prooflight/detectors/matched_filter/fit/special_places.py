@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import TYPE_CHECKING, Final, Self
 
 import cv2
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved
 from prooflight.kernels.memory import unset
+from prooflight.kernels.residuals.fine_structure import find_blurred, greatest_inks
 from prooflight.kernels.residuals.page_features import hidden_slopes
 from prooflight.pages.raster import MM_PER_INCH, Page
 
@@ -57,12 +57,7 @@ def unresolved_places(page: Page, thin: Page, geometry: ScanGeometry) -> NDArray
     -------
     (lines, pixels) 1 at such places of a page in its place, else 0; None if there are none.
     """
-    ink = np.asarray(reduce(cv2.max, cv2.split(thin.cmyk)), np.uint8)
-    step = geometry.pixel_pitch_mm * thin.dpi / MM_PER_INCH
-    side = max(round(WINDOW * step), 2)
-    seen = np.asarray(cv2.blur(ink, (max(round(step), 1),) * 2), np.uint8)
-    contrast, resolved = _variance(ink, side), _variance(seen, side)
-    fine = ((contrast >= (255 * LEAST_CONTRAST) ** 2) & (resolved < NYQUIST**2 * contrast)).view(np.uint8)
+    fine = _fine_structure(thin.packed, geometry.pixel_pitch_mm * thin.dpi / MM_PER_INCH)
     if not fine.any():
         return None
     rows, columns = (
@@ -82,11 +77,26 @@ def unresolved_places(page: Page, thin: Page, geometry: ScanGeometry) -> NDArray
     return out
 
 
-def _variance(image: NDArray[np.uint8], side: int) -> NDArray[np.float32]:
-    """Return the variance of an image within squares about each of its pixels."""
-    mean = cv2.boxFilter(image, cv2.CV_32F, (side, side))
-    square = cv2.sqrBoxFilter(image, cv2.CV_32F, (side, side))
-    return np.asarray(square - mean * mean, np.float32)
+def _fine_structure(packed: NDArray[np.uint32], step: float) -> NDArray[np.uint8]:
+    """Return where the greatest ink has a structure that pixels blur: (rows, columns) 1 there, else 0.
+
+    Parameters
+    ----------
+    packed : (rows, columns) raster, see ``Page.packed``.
+    step : its pixels in a binned pixel.
+    """
+    side, pixel = max(round(WINDOW * step), 2), max(round(step), 1)
+    ink = np.empty(packed.shape, np.uint8)
+    greatest_inks(packed, ink)
+    before = side // 2
+    after = side - 1 - before
+    of_ink, of_seen = (
+        np.asarray(cv2.copyMakeBorder(image, before, after, before, after, cv2.BORDER_REFLECT_101), np.uint8)
+        for image in (ink, cv2.blur(ink, (pixel, pixel)))
+    )
+    fine = np.empty(packed.shape, np.uint8)
+    find_blurred(of_ink, of_seen, side, np.float32((255 * LEAST_CONTRAST) ** 2), np.float32(NYQUIST**2), fine)
+    return fine
 
 
 PLANE_SD: Final = 0.05

@@ -11,19 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.glyphs import (
+from prooflight.kernels.statistics.glyphs import SHARE, Patches
+from prooflight.kernels.statistics.pieces import (
     PIECE,
     RUN,
-    SHARE,
-    Patches,
     filled_pieces,
+    harden_rows,
     joined_runs,
     piece_boxes,
 )
@@ -47,8 +47,6 @@ FILLED: Final = (0.08, 0.95)
 """Bounds of the share of its box that a glyph's ink covers."""
 MOST_RUNS: Final = 2_000_000
 """Maximum number of runs on a page: a dense page of type at 480 dpi has 600,000 (assumed)."""
-BAND_ROWS: Final = 64
-"""Raster rows that are processed at once, so that they stay in the processor's cache."""
 MOST_GLYPHS: Final = 12_000
 """Maximum number of glyphs. assumed: more than on any page of type; more than that is texture."""
 
@@ -71,8 +69,8 @@ class DetectedGlyphs:
 
 def find_glyphs(page: Page) -> DetectedGlyphs:
     """Find the glyphs of a page; of more than ``MOST_GLYPHS`` the first from the top."""
-    packed = hardened(page.cmyk).view(np.uint32)[..., 0]
-    colours = text_colours(packed, every=max(int(LEAST_MM / page.pixel_mm), 1))
+    packed = page.packed
+    colours = text_colours(hardened(packed, every=max(int(LEAST_MM / page.pixel_mm), 1)))
     pieces, runs = _pieces(packed, colours)
     like = np.flatnonzero(_like_letters(pieces, packed.shape, page.pixel_mm))
     ground = _grounds(packed, pieces[like], colours)
@@ -102,37 +100,35 @@ def find_glyphs(page: Page) -> DetectedGlyphs:
     )
 
 
-def hardened(cmyk: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Set each ink at edges of a raster (rows, columns, 4) to the nearer of its local maximum and minimum.
+def hardened(packed: NDArray[np.uint32], *, every: int = 1) -> NDArray[np.uint32]:
+    """Set each ink at edges of a raster (rows, columns) to the nearer of its local maximum and minimum.
 
     Pages of a PDF have partial ink at edges (``pages.job.FINER``); a raster without any is returned
-    unchanged.
+    unchanged. every: step between the rows that are returned.
     """
-    cmyk = np.ascontiguousarray(cmyk)
-    rows, about = len(cmyk), np.ones((3, 3), np.uint8)
-    out = unset(cmyk.shape[:2]).view(np.uint8).reshape(cmyk.shape)
-    for top in range(0, rows, BAND_ROWS):
-        bottom, above = min(top + BAND_ROWS, rows), min(top, 1)
-        band = cmyk[top - above : bottom + 1]
-        inner = slice(above, above + bottom - top)
-        most, least = cv2.dilate(band, about)[inner], cv2.erode(band, about)[inner]
-        here = band[inner]
-        less = cv2.compare(cv2.absdiff(most, here), cv2.absdiff(here, least), cv2.CMP_GT)
-        cv2.copyTo(least, less, most)
-        out[top:bottom] = most
+    out = unset((-(-len(packed) // every), packed.shape[1])).view(np.uint32)
+    harden_rows(packed, every, out)
     return out
+
+
+def _hardened_at(
+    packed: NDArray[np.uint32], rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> NDArray[np.uint32]:
+    """Return the recipes of some pixels (n,) as ``hardened`` does."""
+    about = np.arange(-1, 2)
+    near_rows = (rows[:, None] + about).clip(0, packed.shape[0] - 1)
+    near_columns = (columns[:, None] + about).clip(0, packed.shape[1] - 1)
+    near = packed[near_rows[:, :, None], near_columns[:, None, :]].reshape(-1, 9, 1).view(np.uint8)
+    most, least, here = near.max(axis=1), near.min(axis=1), near[:, 4]
+    return np.ascontiguousarray(np.where(most - here > here - least, least, most)).view(np.uint32)[:, 0]
 
 
 def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(colours, np.uint32).view(np.uint8).reshape(-1, 4)
 
 
-def text_colours(packed: NDArray[np.uint32], *, every: int) -> NDArray[np.uint32]:
-    """Return the colours with most edges along rows, without bare paper.
-
-    every: step between the rows that are read.
-    """
-    rows = packed[::every]
+def text_colours(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return the colours with most edges along rows (rows, columns) of a raster, without bare paper."""
     edges = rows[:, 1:] != rows[:, :-1]
     colours, counts = np.unique(rows[:, 1:][edges], return_counts=True)
     order = np.argsort(-counts, kind="stable")
@@ -143,7 +139,7 @@ def text_colours(packed: NDArray[np.uint32], *, every: int) -> NDArray[np.uint32
 def _pieces(
     packed: NDArray[np.uint32], colours: NDArray[np.uint32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pieces and the runs that they are made of, as in ``kernels.statistics.glyphs``.
+    """Return pieces and the runs that they are made of, as in ``kernels.statistics.pieces``.
 
     A texture has no pieces.
     """
@@ -174,9 +170,9 @@ def _grounds(
     """
     x, y, width, height, _, colour = pieces.T
     own = colours[colour].astype(np.int64)
-    corners = np.stack(
-        [packed[j, i] for j in (y - 1, y + height) for i in (x - 1, x + width)], axis=1
-    ).astype(np.int64)
+    rows = np.stack([y - 1, y - 1, y + height, y + height])
+    columns = np.stack([x - 1, x + width] * 2)
+    corners = _hardened_at(packed, rows.ravel(), columns.ravel()).reshape(4, -1).T.astype(np.int64)
     other = np.where(corners == own[:, None], -1, corners)
     ground = other.max(axis=1, initial=-1)
     same = (other == -1) | (other == ground[:, None])
@@ -257,6 +253,7 @@ def in_cells(mask: NDArray[np.bool_], raster_pixels: Sequence[float]) -> NDArray
     return np.asarray(down @ mask.astype(np.float32) @ right.T)
 
 
+@lru_cache(maxsize=256)
 def _covering(count: int, raster_pixels: float) -> NDArray[np.float32]:
     """Return the share of each cell that each raster pixel covers, (cells, count).
 
@@ -311,9 +308,10 @@ class Letters:
                 continue
             if len(leaders) == MOST_LETTERS:
                 break
-            free = np.flatnonzero((letter < 0) & letters.like(int(at)))
-            letter[free[letters.separation(int(at), free) < ALIKE]] = len(leaders)
             letter[at] = len(leaders)
+            free = np.flatnonzero((letter < 0) & letters.like(int(at)))
+            if free.size:
+                letter[free[letters.separation(int(at), free) < ALIKE]] = len(leaders)
             leaders.append(int(at))
         object.__setattr__(letters, "leader", np.array(leaders, np.int64))
         return letters
@@ -364,11 +362,17 @@ class Letters:
         """Return the patch of each letter, with ``MARGIN`` about it."""
         size = self.size[self.leader] + 2 * MARGIN
         lengths = size.prod(axis=1)
+        downs = {
+            rows: optics.down(np.arange(rows) - MARGIN, rows - 2 * MARGIN)
+            for rows in set(size[:, 0].tolist())
+        }
+        rights = {
+            wide: optics.right(np.arange(wide) - MARGIN, wide - 2 * MARGIN)
+            for wide in set(size[:, 1].tolist())
+        }
         images = [
-            optics.down(np.arange(rows) - MARGIN, rows - 2 * MARGIN)
-            @ self.cells[at]
-            @ optics.right(np.arange(columns) - MARGIN, columns - 2 * MARGIN).T
-            for at, (rows, columns) in zip(self.leader, size, strict=True)
+            downs[rows] @ self.cells[at] @ rights[columns].T
+            for at, (rows, columns) in zip(self.leader, size.tolist(), strict=True)
         ]
         flat = [image.ravel() for image in images] or [np.zeros(0, np.float32)]
         return Patches(own=np.concatenate(flat), size=size, first=np.cumsum(lengths) - lengths)

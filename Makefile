@@ -76,10 +76,11 @@ format: $(VENV)/.installed-dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# The lock names all that is needed, so that pip need not search for what depends on what.
 $(VENV)/.installed: requirements/run.txt pyproject.toml $(wildcard */pyproject.toml packages/*/pyproject.toml)
 	@echo "Installing into $(VENV), which takes a minute or two"
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements/run.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes -r requirements/run.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e packages/line -e packages/console -e studies
 	touch $@
 

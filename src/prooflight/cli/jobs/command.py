@@ -64,7 +64,12 @@ def demo(
     job: Annotated[
         Path | None, typer.Option(metavar="F.pdf", help="Job to print; default a sample job.")
     ] = None,
-    pages: Annotated[int | None, typer.Option(help="Number of sheets to print.", min=1)] = None,
+    pages: Annotated[
+        int | None,
+        typer.Option(
+            help="Number of sheets to print; default 14 of the sample job, each page of another.", min=1
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
     world: World = "press",
     profile: Profile = None,
@@ -85,6 +90,8 @@ def demo(
 
     into = world_named(world)
     say = show.steps(quiet=json)
+    if job is None and pages is None:
+        pages = demonstration.SAMPLE_PRINTS
     job, press, titles = _job_and_press(job, out, world=into, profile=profile, seed=seed, json=json)
     press.save(out / f"{press.name}.press")
     source = job_source(job, press, profile=profile)

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 FEWEST_PRINTS = 8
 """Fewest prints: a shorter job is printed several times, so that each kind of misprint can be shown next
 to good prints."""
+SAMPLE_PRINTS = 14
+"""Prints of the sample job, from its first page to its last: each of its sections is shown, and four misprints."""
 MISPRINT_SHARE = 2 / 7
 LEAST_SEVERITY = 0.8
 """Least severity of misprints: severities of 0.8 to 1 of ``worlds.toml`` are seen at a glance."""
@@ -72,15 +74,18 @@ class Print:
 def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
     """Return the sheets to print, and which of them go wrong: about two in seven.
 
-    ``prints`` is their number; None: the job once, or as often as makes 8.
+    ``prints`` is their number; None: the job once, or as often as makes 8. Fewer than the job has pages are
+    spread evenly over it, and misprints over the kinds.
     """
     count = prints or max(job_pages, math.ceil(FEWEST_PRINTS / job_pages) * job_pages)
     rng = stream(seed, "demonstration-misprints")
     bad = sorted(rng.permutation(count)[: max(1, round(count * MISPRINT_SHARE))].tolist())
-    kinds = {index: KINDS[turn % len(KINDS)] for turn, index in enumerate(bad)}
+    step = max(len(KINDS) // len(bad), 1)
+    kinds = {index: KINDS[turn * step % len(KINDS)] for turn, index in enumerate(bad)}
+    pages = [i * job_pages // count if count < job_pages else i % job_pages for i in range(count)]
     return tuple(
-        Print(index=i, page=i % job_pages + 1, copy=i // job_pages + 1, first_kind=kinds.get(i))
-        for i in range(count)
+        Print(index=i, page=page + 1, copy=i // job_pages + 1, first_kind=kinds.get(i))
+        for i, page in enumerate(pages)
     )
 
 

@@ -30,8 +30,8 @@ def extremes_of_three(above, here, below, most, least):  # type: ignore[no-untyp
 
 
 @inner_kernel()
-def nearer_extreme(here, most, least, out):  # type: ignore[no-untyped-def]
-    """Set each byte (n,) to the nearer of the extremes of its pixel's and of both neighbours' columns.
+def closest_extreme(here, most, least, out):  # type: ignore[no-untyped-def]
+    """Set each byte (n,) to the closest of the extremes of its pixel's and of both neighbours' columns.
 
     most, least (n + 2 INKS,): of columns, from that to the left of the first pixel on.
     """
@@ -59,12 +59,12 @@ def harden_row(packed, row, most, least, out):  # type: ignore[no-untyped-def]
     for i in range(INKS):  # beyond the raster is what its border is
         most[i], least[i] = most[i + INKS], least[i + INKS]
         most[end + i], least[end + i] = most[end - INKS + i], least[end - INKS + i]
-    nearer_extreme(here, most, least, out)
+    closest_extreme(here, most, least, out)
 
 
 @kernel("packed (H, W), every, out ((H + every - 1) // every, W)", where="1 <= W, 1 <= every")
 def harden_rows(packed, every, out):  # type: ignore[no-untyped-def]
-    """Set each byte of a raster's recipes to the nearer of its extremes in the 3 x 3 pixels about it.
+    """Set each byte of a raster's recipes to the closer of its extremes in the 3 x 3 pixels about it.
 
     packed: one uint32 a recipe; out: rows 0, ``every``, 2 ``every``, ... of the result. Halfway between, a byte becomes
     the greatest.

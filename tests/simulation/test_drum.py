@@ -77,6 +77,14 @@ def test_all_lines_pass_in_order_whatever_the_blocks(
     np.testing.assert_array_equal(by_sheet, 1000 + np.arange(sheets)[:, None] % 3 * np.ones(LINES, int))
 
 
+def test_pages_a_second_count_pages_of_the_mean_length(press: Press) -> None:
+    """A job that begins with a card must not make all its sheets pass at the card's pace."""
+    ring = [np.zeros((1, lines, press.geometry.pixels), np.uint16) for lines in (100, 260, 300)]
+    assert Drum(ring, press=press, passing=turns(3, {}), pages_per_s=5.0, gap_lines=10).page_lines == 230
+    drum = Drum(ring, press=press, passing=turns(3, {}), pages_per_s=5.0, scan_lines=250.0)
+    assert drum.page_lines == 250
+
+
 def test_pages_a_second_are_kept_by_the_clock(press: Press, scans: list[np.ndarray]) -> None:
     clock = FakeClock()
     pacer = Pacer(5.0 * LINES, clock=clock, sleep=clock.sleep)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
@@ -114,6 +115,7 @@ class Drum:
         pages_per_s: float | None = None,
         blank: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None = None,
         foreign: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None = None,
+        scan_lines: float | None = None,
         gap_lines: int = 0,
         block_lines: int = BLOCK_LINES,
         waits: bool = False,
@@ -121,10 +123,11 @@ class Drum:
     ) -> None:
         """Prepare to play scans (sensors, lines, pixels); sheet i of the job shows scan i modulo their number. [DN]
 
-        passing: as ``turns`` makes it, or without end. pages_per_s: None: as fast as they are read. blank,
-        foreign: scans of such sheets, for faults, or functions that return them. gap_lines: of backing between scans,
-        besides their own. waits: whether the drum stands still while nobody takes lines, or while a scan is not
-        there yet. pacer: replaces the own one.
+        passing: as ``turns`` makes it, or without end. pages_per_s: at the scans' mean length, since a web runs at one
+        speed; None: as fast as they are read. blank, foreign: scans of such sheets, for faults, or functions that
+        return them. scan_lines: mean number of lines of a scan; None: of all, which are there. gap_lines: of backing
+        between scans, besides their own. waits: whether the drum stands still while nobody takes lines, or while a
+        scan is not there yet. pacer: replaces the own one.
         """
         if not scans:
             raise RequestError("drum", "there are no scans", remedy="give at least one")
@@ -134,8 +137,10 @@ class Drum:
         backing = np.stack([s.column_offset_dn + s.column_gain * s.backing_dn for s in press.sensors])
         self._backing = np.rint(backing).clip(0).astype(np.uint16)[:, None]
         self._gap_lines, self._block_lines, self._closed = gap_lines, block_lines, False
-        self.page_lines = scans[0].shape[1] + gap_lines
-        """Number of lines from page to page."""
+        if scan_lines is None:
+            scan_lines = fmean(scan.shape[1] for scan in scans)
+        self.page_lines = scan_lines + gap_lines
+        """Mean number of lines from page to page."""
         rate_hz = None if pages_per_s is None else pages_per_s * self.page_lines
         self._pacer = pacer or Pacer(rate_hz, waits=waits)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
@@ -240,6 +241,7 @@ def _drum(
     in_turn = rendered(prints, count, first=first, other_sheets=bool(wishes.options.fault_every))
     waited = map(prints, range(first)) if grows else islice(in_turn, count)
     drawn = list(shown(waited, first or count))
+    scan_lines = fmean(one.dn.shape[1] for one in drawn)
     blank: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
     foreign: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
     if grows:
@@ -258,6 +260,7 @@ def _drum(
             pages_per_s=rate,
             blank=blank,
             foreign=foreign,
+            scan_lines=scan_lines,
             waits=wishes.at_once,
         )
     from prooflight_line.plant.simulator.feed import FedDrum
@@ -269,7 +272,7 @@ def _drum(
         misprints=lambda sheet: drawn[sheet % count].misprint is not None,
         sides=1 if wishes.plan is None else wishes.plan.layout.sides,
         first_serial=wishes.passed,
-        speed_mm_s=rate * scans[0].shape[1] * press.geometry.line_pitch_mm,
+        speed_mm_s=rate * scan_lines * press.geometry.line_pitch_mm,
     )
     drum = Drum(scans, press=press, passing=fed.turns(), pages_per_s=rate, blank=blank, foreign=foreign)
     return fed.of(drum)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
@@ -46,6 +45,10 @@ def mixtures(sensors: Sequence[SensorModel], light_dn: NDArray[np.float64]) -> M
     three sensors, light that process inks can give is met but for rounding; light beyond them is met as nearly as
     they can.
     """
+    from scipy.optimize import (
+        least_squares,
+    )  # imported late: it takes a tenth of a second, and few jobs have spot inks
+
     white = np.array([sensor.white_dn for sensor in sensors])
     step = slice(None, None, COARSE)
     axis = np.minimum(node_fractions()[step], 1.0)

@@ -45,9 +45,7 @@ def mixtures(sensors: Sequence[SensorModel], light_dn: NDArray[np.float64]) -> M
     three sensors, light that process inks can give is met but for rounding; light beyond them is met as nearly as
     they can.
     """
-    from scipy.optimize import (
-        least_squares,
-    )  # imported late: it takes a tenth of a second, and few jobs have spot inks
+    from scipy.optimize import least_squares  # imported late: it takes 0.1 s, and few jobs have spot inks
 
     white = np.array([sensor.white_dn for sensor in sensors])
     step = slice(None, None, COARSE)

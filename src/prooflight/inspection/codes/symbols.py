@@ -249,11 +249,11 @@ def paper_light(
     Bare paper is 1. columns: of the scan, which the cut holds. A code reader sees red light alone; the
     camera's own light is the best approximation that is available here, and the grades state this.
     """
-    total, own = np.zeros(dn.shape[1:], np.float32), np.empty(dn.shape[1:], np.float32)
+    total = np.zeros(dn.shape[1:], np.float32)
     for lines, sensor in zip(dn, sensors, strict=True):
         gain = sensor.column_gain[columns] * np.float32(sensor.white_dn * len(sensors))
         per_dn = (1 / np.maximum(gain, LEAST_GAIN_DN)).astype(np.float32)
-        total += np.multiply(lines, per_dn, out=own)
+        total += lines * per_dn
         total -= sensor.column_offset_dn[columns] * per_dn
     return total
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 
-INKS = 4
-"""Bytes of a recipe."""
 RUN = 4
 """Length of a run's record: row, first column, column after its last, colour; its piece replaces its colour
 later."""
@@ -115,9 +114,7 @@ def joined_runs(packed, colours, runs, parents):  # type: ignore[no-untyped-def]
     joined too. packed: one uint32 a pixel. -1: there are more than ``runs`` holds.
     """
     rows, columns = packed.shape
-    likely = np.zeros(
-        LIKELY, np.bool_
-    )  # photographs have millions of colours: most are told apart by one look
+    likely = np.zeros(LIKELY, np.bool_)
     for k in range(colours.size):
         likely[hash_of(colours[k])] = True
     line = np.empty(columns, np.uint32)
@@ -125,14 +122,12 @@ def joined_runs(packed, colours, runs, parents):  # type: ignore[no-untyped-def]
     most, least = np.empty((2, (columns + 2) * INKS), np.uint8)
     likely_bare = likely[hash_of(np.uint32(0))]
     count, before = 0, 0
+    bare_above, bare_here, bare_below = True, True, rows == 0 or bare_row(packed[0])
     for y in range(rows):
         begin = count
-        bare = (
-            bare_row(packed[y])
-            and (y == 0 or bare_row(packed[y - 1]))
-            and (y + 1 == rows or bare_row(packed[y + 1]))
-        )
-        if bare and not likely_bare:
+        bare_above, bare_here = bare_here, bare_below
+        bare_below = y + 1 == rows or bare_row(packed[y + 1])
+        if bare_above and bare_here and bare_below and not likely_bare:  # as most of a page of type
             before = begin
             continue
         harden_row(packed, y, most, least, sharp)
@@ -146,7 +141,7 @@ def joined_runs(packed, colours, runs, parents):  # type: ignore[no-untyped-def]
                     x += AT_ONCE
             while x < columns and line[x] == value:
                 x += 1
-            if not likely[hash_of(value)]:
+            if not likely[hash_of(value)]:  # one look, since photographs have millions of colours
                 continue
             which = -1
             for k in range(colours.size):

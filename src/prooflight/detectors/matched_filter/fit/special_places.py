@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved
 from prooflight.kernels.memory import unset
-from prooflight.kernels.residuals.fine_structure import find_blurred, greatest_inks
 from prooflight.kernels.residuals.page_features import hidden_slopes
+from prooflight.kernels.statistics.fine_structure import find_blurred, greatest_inks
 from prooflight.pages.raster import MM_PER_INCH, Page
 
 if TYPE_CHECKING:

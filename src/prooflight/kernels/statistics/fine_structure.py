@@ -6,6 +6,8 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.filtering import copy_row
+from prooflight.kernels.statistics.boxes import add_to
+from prooflight.kernels.statistics.streaks import pairs_of
 
 
 @kernel("packed (H, W), out (H, W)")
@@ -27,7 +29,7 @@ def greatest_of_row(packed, out):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def slide_down(new, old, sums, squares):  # type: ignore[no-untyped-def]
+def slide_sums(new, old, sums, squares):  # type: ignore[no-untyped-def]
     """Move columns' sums and sums of squares (n,) int32 on by a row: add ``new``, and take ``old`` off."""
     for i in range(sums.size):
         a, b = np.int32(new[i]), np.int32(old[i])
@@ -36,19 +38,11 @@ def slide_down(new, old, sums, squares):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def add_shifted(columns, by, out):  # type: ignore[no-untyped-def]
-    """Add columns (m,) from ``by`` on to out (n,), as many as both have."""
-    part = columns[by : by + out.size]
-    for i in range(part.size):
-        out[i] += part[i]
-
-
-@inner_kernel()
 def window_sums(columns, side, doubled, out):  # type: ignore[no-untyped-def]
     """Compute the sums of ``side`` columns from each on, out (n,), of columns (n + side - 1,) int32.
 
     Sums of one, two, four columns and so on are made in turn, and added up to ``side``; doubled (2, n + side - 1):
-    working space, since a row that is added to itself does not run in vectors.
+    working space. Sums that would reach beyond the columns have no meaning, and enter none of out.
     """
     one, other = doubled[0], doubled[1]
     copy_row(columns, one)
@@ -57,10 +51,9 @@ def window_sums(columns, side, doubled, out):  # type: ignore[no-untyped-def]
     start, length = 0, 1
     while length <= side:
         if side & length:
-            add_shifted(one, start, out)
+            add_to(one[start : start + out.size], out)
             start += length
-        copy_row(one, other)
-        add_shifted(one, length, other)
+        pairs_of(one, length, other[: max(other.size - length, 0)])
         one, other = other, one
         length *= 2
 
@@ -95,8 +88,8 @@ def find_blurred(ink, seen, side, least, share, out):  # type: ignore[no-untyped
     none = np.zeros(width, np.uint8)
     for row in range(height):
         of_ink, of_seen = (ink[row - side], seen[row - side]) if row >= side else (none, none)
-        slide_down(ink[row], of_ink, columns[0], columns[1])
-        slide_down(seen[row], of_seen, columns[2], columns[3])
+        slide_sums(ink[row], of_ink, columns[0], columns[1])
+        slide_sums(seen[row], of_seen, columns[2], columns[3])
         if row < side - 1:
             continue
         window_sums(columns[0], side, doubled, sums)

@@ -96,7 +96,9 @@ class PreparedStore:
         try:
             with path.open("rb") as file:
                 # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
-                ready = self._decoded(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
+                ready = self.decoded(
+                    _checked(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
+                )
             os.utime(self.folder)  # by which the least recently used job is found
         except FileNotFoundError:
             return None
@@ -152,12 +154,13 @@ class PreparedStore:
         return self.folder / f"{design:06d}.design"
 
     def _content(self, packed: PackedDesign) -> list[bytes | memoryview]:
-        pieces, digest = self._encoded(packed), hashlib.sha256()
+        pieces, digest = self.encoded(packed), hashlib.sha256()
         for piece in pieces:
             digest.update(piece)
         return [MAGIC, digest.digest(), *pieces]
 
-    def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
+    def encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
+        """Return a design in pieces, for ``decoded`` by an inspector on the same press."""
         file, arrays = io.BytesIO(), list[bytes | memoryview]()
         stored, shared = self._detector.stored(packed.bare.prepared_page)
         bare: Any = replace(packed.bare, prepared_page=None)  # type: ignore[arg-type] # it is restored
@@ -167,8 +170,8 @@ class PreparedStore:
         sizes = np.array([len(pieces), *map(_size, pieces)], "<u8").tobytes()
         return [part for one in (sizes, *pieces) for part in (one, bytes(-_size(one) % ALIGNED))]
 
-    def _decoded(self, data: memoryview) -> PackedDesign:
-        content = _checked(data)
+    def decoded(self, content: memoryview) -> PackedDesign:
+        """Return the design in the joined pieces; its arrays stay there."""
         pieces = [content[begin:end] for begin, end in _places(content)]
         parts = {**self._detector.shared_sensors(), "own": self.inspector.detector.press_context.sensors}
         package = type(self.inspector.detector).__module__.partition(".")[0]

@@ -65,7 +65,7 @@ class SheetInspector:
     def rehearse_preparation(self, ready: Any) -> None:
         pass
 
-    def rehearse(self, ready: Any, scans: Any) -> None:
+    def rehearse(self, ready: Any, scans: Any, *, threads: int) -> None:
         self.before_sheets.append("rehearse")
 
     def load(self, ready: Any) -> None:

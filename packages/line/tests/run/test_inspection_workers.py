@@ -17,7 +17,8 @@ from prooflight.errors import ProoflightError, ScanError
 from prooflight.inspection.inspector import Inspector
 from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
-from prooflight_line.run.inspection_workers import InspectionWorkers, _Designs, worker_count
+from prooflight_line.run.inspection_workers import InspectionWorkers, worker_count
+from prooflight_line.run.shared_designs import SharedDesigns, read_design
 from prooflight_line.run.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
@@ -107,29 +108,41 @@ def test_light_that_is_followed_reaches_the_workers(
     assert second.evidence.values != first.evidence.values
 
 
-def test_successive_designs_are_read_by_different_workers_before_their_sheets(
-    alone: SheetInspector, ready: PackedDesign, page: Page, workers: InspectionWorkers
+@pytest.mark.parametrize("begin", ["load", "rehearse"])
+def test_every_worker_is_ready_before_the_first_sheet(
+    alone: SheetInspector, ready: PackedDesign, page: Page, workers: InspectionWorkers, begin: str
 ) -> None:
-    by_workers, designs = replace(alone, workers=workers), (ready, replace(ready))
-    for one in designs:
-        by_workers.load(one)
-    homes = [workers._homes[one] for one in designs]
-    assert set(homes) == set(workers._workers)
+    by_workers, scan = replace(alone, workers=workers), scan_of(page, alone.inspector.press, 3, hole=True)
+    if begin == "load":
+        by_workers.load(ready)
+    else:
+        by_workers.rehearse(ready, [scan])
     assert len(workers.processes) == 2
-    for home in homes:
-        with workers._reserved(home) as first, workers._reserved(home) as second:
-            assert (first, second) == (home, next(one for one in homes if one is not home))
-    scan = scan_of(page, alone.inspector.press, 3, hole=True)
-    result = by_workers.inspect(designs[1], scan, name="it", seed=3)
-    expected = alone.inspect(ready, scan, name="it", seed=3)
-    assert result.evidence.values == expected.evidence.values
 
 
-def test_designs_are_written_out_while_there_is_room(ready: PackedDesign, tmp_path: Path) -> None:
-    designs = _Designs(room_bytes=1.5 * ready.written_bytes)
-    written = designs._designs[tmp_path / "1"] = designs._roomy(ready)
-    assert written.written_bytes == 0
-    assert designs._roomy(ready) is ready
+@pytest.mark.parametrize("room", [0.5, 1.5])
+def test_designs_are_shared_written_out_while_there_is_room(
+    alone: SheetInspector, ready: PackedDesign, tmp_path: Path, room: float
+) -> None:
+    """The second of two designs stays packed, and takes the place of the first once that is gone."""
+    shared, first, second = (
+        SharedDesigns(room_bytes=room * ready.written_bytes),
+        replace(ready),
+        replace(ready),
+    )
+    files = [shared.file(one, alone.inspector, tmp_path) for one in (first, second)]
+    read = [read_design(file, alone.inspector) for file in files]
+    assert [one.written_bytes == 0 for one in read] == [room > 1, False]
+    for one in read:
+        np.testing.assert_array_equal(one.unpacked().page.cmyk, ready.unpacked().page.cmyk)
+    del first
+    gc.collect()
+    assert not files[0].exists()
+    third = replace(ready)
+    again = read_design(shared.file(third, alone.inspector, tmp_path), alone.inspector)
+    assert (again.written_bytes == 0) == (room > 1)
+    shared.close()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_worker_that_is_killed_costs_one_sheet(

@@ -16,6 +16,7 @@ import shutil
 import signal
 import threading
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from multiprocessing.shared_memory import SharedMemory
@@ -28,13 +29,12 @@ from prooflight.detectors.optional import StoresPages
 from prooflight.errors import InputError, ProoflightError
 from prooflight.files.lock import WriterLock, writer_lives
 from prooflight.files.user_folders import user_folder
-from prooflight.inspection.prepared_store import PreparedStore
-from prooflight.pages.memory import available_bytes
 from prooflight.pages.parallel import KILLED, end_with_parent
 from prooflight.pages.process import settle_process
+from prooflight_line.run.shared_designs import SharedDesigns, read_design
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
     from pathlib import Path
@@ -53,10 +53,6 @@ THREADS_A_WORKER: Final = 2
 A page calls a thousand kernels, and its thread needs the interpreter after each: on 16 processors, one process with 8
 threads inspected 10.7 sheets a second, 8 processes with 2 each 55 (docs/performance.md)."""
 INSPECTOR_FILE: Final = "inspector"
-WRITTEN_SHARE: Final = 0.25
-"""Share of the memory that is available at the start that all workers together use for designs whose arrays are
-written out. Writing them takes a sixth of an inspection's time. Assumed: packed designs may take half
-(``settings.DESIGNS_SHARE``), and the rest is for inspections."""
 
 
 def worker_count(threads: int, inspector: Inspector, *, source_waits: bool = False) -> int:
@@ -82,45 +78,53 @@ class InspectionWorkers:
         InputError: the user's cache folder cannot be written.
         """
         self._folder, self._lock = _own_folder(user_folder("cache") / "workers")
-        self._workers = [_Worker(written_share=WRITTEN_SHARE / count) for _ in range(count)]
+        self._workers = [_Worker() for _ in range(count)]
         self._idle, self._changed = list(self._workers), threading.Condition()
-        self._turns = itertools.cycle(self._workers)
-        self._homes: weakref.WeakKeyDictionary[PackedDesign, _Worker] = weakref.WeakKeyDictionary()
-        """The worker that has read each design before its first sheet."""
-        self._numbers, self._writing = itertools.count(), threading.RLock()
+        self._designs = SharedDesigns()
+        self._numbers, self._writing = itertools.count(), threading.Lock()
         self._first: SheetInspector | None = None
         self._inspectors: weakref.WeakKeyDictionary[SheetInspector, Path] = weakref.WeakKeyDictionary()
-        self._designs: weakref.WeakKeyDictionary[PackedDesign, Path] = weakref.WeakKeyDictionary()
 
     def inspect(
         self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
     ) -> SheetResult:
-        """Inspect a scan (sensors, lines, pixels) [DN] in a worker that is idle, preferably one that has the design.
+        """Inspect a scan (sensors, lines, pixels) [DN] in a worker that is idle.
 
         arguments: as of ``SheetInspector.inspect``. ProoflightError: the worker was killed; another takes its place.
         """
         files = self.provide(inspector, ready)
-        with self._reserved(self._homes.get(ready.origin or ready)) as worker:
+        with self._reserved() as worker:
             return worker.inspect(*files, scan, arguments)
 
-    def load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
-        """Let one worker read a design before its first sheet, each worker in its turn.
+    def rehearse(
+        self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
+    ) -> None:
+        """Inspect a scan in every worker at once; as ``inspect``."""
+        files = self.provide(inspector, ready)
+        self._in_each(lambda worker: worker.inspect(*files, scan, arguments))
 
-        Successive designs thus have different workers, and together the workers write out more designs than if all
-        of them read each. ProoflightError: the worker was killed, or cannot read the design.
+    def load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
+        """Let every worker read a design, so that its first sheet need not wait for that.
+
+        ProoflightError: a worker was killed, or cannot read the design.
         """
         files = self.provide(inspector, ready)
-        with self._changed:
-            home = self._homes[ready.origin or ready] = next(self._turns)
-        with self._reserved(home, only=True) as worker:
-            worker.load(*files)
+        self._in_each(lambda worker: worker.load(*files))
+
+    def _in_each(self, act: Callable[[_Worker], object]) -> None:
+        def act_in(worker: _Worker) -> None:
+            with self._reserved(worker):
+                act(worker)
+
+        with ThreadPoolExecutor(len(self._workers)) as pool:
+            list(pool.map(act_in, self._workers))
 
     @contextmanager
-    def _reserved(self, preferred: _Worker | None, *, only: bool = False) -> Iterator[_Worker]:
-        """Reserve the preferred worker if it is idle, else, unless it is the only one wanted, another."""
+    def _reserved(self, only: _Worker | None = None) -> Iterator[_Worker]:
+        """Reserve a worker for this thread, and this one alone if it is given."""
         with self._changed:
-            self._changed.wait_for(lambda: preferred in self._idle if only else bool(self._idle))
-            worker = preferred if preferred in self._idle else self._idle[-1]
+            self._changed.wait_for(lambda: only in self._idle if only else bool(self._idle))
+            worker = only or self._idle[-1]
             self._idle.remove(worker)
         try:
             yield worker
@@ -134,20 +138,8 @@ class InspectionWorkers:
 
         The file is of the design as it was prepared: workers adapt it to the light of an inspector themselves.
         """
-        folder, prepared = self._folder_of(inspector), ready.origin or ready
-        file = self._designs.get(prepared)
-        if file is not None:
-            return folder, file
-        with self._writing:
-            file = self._designs.get(prepared)
-            if file is None:
-                number = next(self._numbers)
-                store = PreparedStore(folder=folder, inspector=inspector.inspector)
-                store.save(number, ready)
-                self._designs[prepared] = file = store.path(number)
-                # A worker that has mapped the file goes on using it.
-                weakref.finalize(prepared, file.unlink, missing_ok=True)
-        return folder, file
+        folder = self._folder_of(inspector)
+        return folder, self._designs.file(ready.origin or ready, inspector.inspector, folder)
 
     def _folder_of(self, inspector: SheetInspector) -> Path:
         """Return an inspector's folder; it holds what the inspector does not share with the first of the run."""
@@ -174,6 +166,7 @@ class InspectionWorkers:
         """End the processes, and remove what they have read."""
         for worker in self._workers:
             worker.close()
+        self._designs.close()
         shutil.rmtree(self._folder, ignore_errors=True)
         self._folder.with_suffix(".lock").unlink(missing_ok=True)
         self._lock.release()
@@ -222,8 +215,7 @@ def _own_folder(base: Path) -> tuple[Path, WriterLock]:
 class _Worker:
     """One worker process, as the run sees it; used by one thread at a time."""
 
-    def __init__(self, *, written_share: float) -> None:
-        self._written_share = written_share
+    def __init__(self) -> None:
         self._scan: SharedMemory | None = None
         self.process: SpawnProcess | None = None
 
@@ -263,7 +255,7 @@ class _Worker:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._link, end = context.Pipe()
-        self.process = context.Process(target=_work, args=(end, self._written_share), daemon=True)
+        self.process = context.Process(target=_work, args=(end,), daemon=True)
         self.process.start()
         end.close()
 
@@ -278,15 +270,12 @@ class _Worker:
         return self._scan
 
 
-def _work(link: Connection, written_share: float) -> None:
-    """Inspect sheets, and read designs, until the run closes the link.
-
-    written_share: share of the available memory for designs whose arrays are written out. [-]
-    """
+def _work(link: Connection) -> None:
+    """Inspect sheets, and read designs, until the run closes the link."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which inspects what has passed
     threading.Thread(target=end_with_parent, daemon=True).start()
     settle_process()
-    designs = _Designs(room_bytes=written_share * available_bytes())
+    designs = _Designs()
     scans = dict[str, SharedMemory]()
     while True:
         try:
@@ -313,9 +302,7 @@ def _work(link: Connection, written_share: float) -> None:
 class _Designs:
     """Inspectors and designs that a worker has read."""
 
-    def __init__(self, *, room_bytes: float) -> None:
-        """Keep designs, with arrays of at most ``room_bytes`` written out."""
-        self._room_bytes = room_bytes
+    def __init__(self) -> None:
         self._inspectors: dict[Path, SheetInspector] = {}
         self._designs: dict[Path, PackedDesign] = {}
         self._adapted: dict[Path, tuple[Path, PackedDesign]] = {}
@@ -327,7 +314,7 @@ class _Designs:
         if file not in self._designs:
             for old in [one for one in self._designs if not one.exists()]:  # the run uses them no more
                 del self._designs[old], self._adapted[old]
-            self._designs[file] = self._roomy(_loaded(file, self._inspector(file.parent)))
+            self._designs[file] = read_design(file, self._inspector(file.parent).inspector)
             self._adapted[file] = file.parent, self._designs[file]
             gc.freeze()  # or each cyclic collection would visit all designs
         light, ready = self._adapted[file]
@@ -336,26 +323,9 @@ class _Designs:
             self._adapted[file] = folder, ready
         return inspector, ready
 
-    def _roomy(self, design: PackedDesign) -> PackedDesign:
-        """Return a design with its arrays written out, if there is room.
-
-        None makes room for another: of designs that come in turn, the one used longest ago is needed next.
-        """
-        taken = sum(one.occupied_bytes for one in self._designs.values())
-        return design.written_out() if taken + design.written_bytes <= self._room_bytes else design
-
     def _inspector(self, folder: Path) -> SheetInspector:
         if folder not in self._inspectors:
             first = min(folder.parent.iterdir())
             of_run = self._inspector(first) if folder != first else None
             self._inspectors[folder] = _unpickled((folder / INSPECTOR_FILE).read_bytes(), of_run)
         return self._inspectors[folder]
-
-
-def _loaded(file: Path, inspector: SheetInspector) -> PackedDesign:
-    """Return the design in a file; ProoflightError: it cannot be read."""
-    store = PreparedStore(folder=file.parent, inspector=inspector.inspector)
-    ready = store.load(int(file.stem))
-    if ready is None:
-        raise ProoflightError(f"{file}: the design cannot be read")
-    return ready

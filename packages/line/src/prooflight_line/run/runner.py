@@ -74,7 +74,7 @@ _log = logging.getLogger(__name__)
 
 BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
-"""Number of designs with which each thread that inspects rehearses."""
+"""Number of designs with which inspection is rehearsed."""
 MIND_S: Final = 0.25
 """Interval of the checks whether the source has gone silent, or a person has stopped the run."""
 DOUBTED: Final = 3
@@ -254,7 +254,7 @@ class Running:
         self.tally.to_prepare = len(first)
         # Where the first sheets wait, they warm up themselves, and the first verdict does not wait for a rehearsal.
         waits = self._settings.start_at_once and self._settings.source_waits
-        self.tally.to_rehearse = 0 if waits else REHEARSALS * self._settings.inspectors
+        self.tally.to_rehearse = 0 if waits else REHEARSALS
         for count, sheet in enumerate(first):
             if self._stopping.is_set() or (count >= self._settings.ahead and not self._prefetcher.has_room):
                 break
@@ -272,28 +272,20 @@ class Running:
         # largest may be a picture alone, without letters. After all designs are loaded: the first inspection after that
         # took three times as long.
         designs = self._prefetcher.largest(), self._prefetcher.middle()
-        with ThreadPoolExecutor(self._settings.inspectors) as warming:
-            loads = [warming.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
+        with ThreadPoolExecutor(self._settings.inspectors) as loading:
+            loads = [loading.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
             inspector, ready, _ = designs[0]
             inspector.rehearse_preparation(ready)
             scans = [inspector.rehearsal_scans(ready) for inspector, ready, _ in designs]
-            # All threads at once with each, or one worker would inspect one of them alone.
-            turns = [
-                warming.submit(self._rehearse, inspector, ready, seen)
-                for (inspector, ready, _), seen in zip(designs, scans, strict=True)
-                for _ in range(self._settings.inspectors)
-            ]
-        for turn in loads + turns:
-            if (error := turn.exception()) is not None:
-                _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
-                break
-
-    def _rehearse(
-        self, inspector: SheetInspector, ready: PackedDesign, scans: list[NDArray[np.uint16]]
-    ) -> None:
-        if not self._stopping.is_set():
-            inspector.rehearse(ready, scans)
-        self.tally.count("rehearsed")
+        try:
+            for load in loads:
+                load.result()
+            for (inspector, ready, _), seen in zip(designs, scans, strict=True):
+                if not self._stopping.is_set():
+                    inspector.rehearse(ready, seen, threads=self._settings.inspectors)
+                self.tally.count("rehearsed")
+        except Exception as error:
+            _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
 
     def _load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
         if not self._stopping.is_set():

@@ -10,9 +10,9 @@ from prooflight.pages.memory import available_bytes
 
 DEADLINE_S: Final = 0.5
 """Time from a sheet's last line to its verdict: the reject gate is a metre further on at 2 m/s."""
-DESIGNS_SHARE: Final = 0.5
-"""Share of the free memory that designs may take. Assumed: inspection, and everything else, needs the
-rest."""
+DESIGNS_SHARE: Final = 0.4
+"""Share of the free memory that packed designs may take. Assumed: the same designs written out
+(``shared_designs.WRITTEN_SHARE``) may take as much, and inspection, and everything else, needs the rest."""
 DESIGNS_BYTES: Final = 4_000_000_000
 """Memory for designs if the system does not report its free memory."""
 LEAST_DESIGNS_BYTES: Final = 1_000_000_000

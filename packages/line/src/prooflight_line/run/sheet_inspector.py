@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
@@ -59,6 +60,8 @@ class Sampling:
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
 """Displacement of the warm-up's page, in lines and pixels."""
+WARM_UP: Final = "warm-up"
+"""Name of a rehearsal's sheet in errors."""
 HOLE_PART: Final = 16
 """Divisor of a scan's length and width that gives the hole's size on the warm-up's page."""
 
@@ -81,6 +84,12 @@ class SheetWorkers(Protocol):
         self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
     ) -> SheetResult:
         """Inspect a scan in one of them."""
+        ...
+
+    def rehearse(
+        self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
+    ) -> None:
+        """Inspect a scan in every one of them at once."""
         ...
 
     def provide(self, inspector: SheetInspector, ready: PackedDesign) -> object:
@@ -198,10 +207,16 @@ class SheetInspector:
         """Prepare a design again, for the sake of those that are prepared while sheets pass."""
         self._packed(ready.unpacked().page)
 
-    def rehearse(self, ready: PackedDesign, scans: Iterable[NDArray[np.uint16]]) -> None:
-        """Inspect ``rehearsal_scans`` of a design."""
+    def rehearse(self, ready: PackedDesign, scans: Iterable[NDArray[np.uint16]], *, threads: int = 1) -> None:
+        """Inspect ``rehearsal_scans`` of a design, in so many threads at once, or in every process that inspects."""
         for scan in scans:
-            self.inspect(ready, scan, name="warm-up", seed=0)
+            if self.workers is not None:
+                self.workers.rehearse(self, ready, scan, name=WARM_UP, seed=0)
+                continue
+            with ThreadPoolExecutor(threads) as pool:
+                turns = [pool.submit(self.inspect, ready, scan, name=WARM_UP, seed=0) for _ in range(threads)]
+            for turn in turns:
+                turn.result()
 
     def load(self, ready: PackedDesign) -> None:
         """Let the processes that inspect read a design, so that its first sheet need not wait for that."""

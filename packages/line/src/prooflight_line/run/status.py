@@ -105,9 +105,9 @@ class Status:
     to_prepare: int
     """Number of designs that are prepared before the first line is read, if memory holds them."""
     to_rehearse: int
-    """Number of inspections after these that warm the machine up."""
+    """Number of designs with which inspection is rehearsed after that."""
     rehearsed: int
-    """Number of inspections of ``to_rehearse`` that are done."""
+    """Number of designs of ``to_rehearse`` that are done."""
     journalled: int
     """Number of pages that are durable."""
     pages_per_s: float

@@ -74,6 +74,18 @@ def test_light_far_from_the_calibrated_is_said(
         assert f"{white:.0f} expected" in found.reason
 
 
+@pytest.mark.parametrize("light", [0.7, 1.0])
+def test_a_misprint_is_known_before_it_is_explained_unless_the_light_is_wrong(
+    trained_press: Press, page: Page, light: float
+) -> None:
+    known: list[Verdict] = []
+    scan = scan_of(page, trained_press, light)
+    scan[:, 200:230, 100:130] //= 2
+    verdict = Inspector.of(trained_press).inspect(page, scan, decided=known.append).verdict
+    assert verdict.verdict == ("misprint" if light == 1.0 else "not-inspected")
+    assert [(one.verdict, one.score) for one in known] == [("misprint", verdict.score)] * (light == 1.0)
+
+
 def test_light_that_good_presses_vary_by_is_not_said(trained_press: Press, page: Page) -> None:
     for light in (0.95, 1.0, 1.05):
         for shown in (page, inked(page)):

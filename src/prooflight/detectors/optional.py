@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.false_alarm_rate import Guarantee
     from prooflight.detectors.print_prior import PrintPrior
+    from prooflight.detectors.verdict import Verdict
     from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.detectors.weighted_conformal import LabelledPages
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Calibration
     from prooflight.prediction.tables import SensorModel
+    from prooflight.scans.scan import Scan
 
 
 # --- models ---
@@ -234,6 +236,15 @@ class PacksArrays(Protocol):
 
     def with_arrays(self, page: Page, arrays: Mapping[str, NDArray[Any]]) -> PreparedPage:
         """Return the page of which ``without_arrays`` returned these; page: its raster."""
+        ...
+
+
+@runtime_checkable
+class DecidesFirst(Protocol):
+    """A prepared page whose misprints are known before they are explained, which takes twice as long."""
+
+    def decide_and_explain(self, scan: Scan, *, decided: Callable[[Verdict], None]) -> Inspection:
+        """Inspect as ``PreparedPage.inspect``; of a misprint, ``decided`` gets an unexplained verdict first."""
         ...
 
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import Detector, Device, Inspection, PlannedPage, PreparedPage, engine_name
+from prooflight.detectors.optional import DecidesFirst
 from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
@@ -17,6 +18,8 @@ from prooflight.inspection.light_level import LitSquares, light_levels, lit_squa
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -127,6 +130,7 @@ class Inspector:
         *,
         scan_name: str = "the scan",
         seed: int = 0,
+        decided: Callable[[Verdict], None] | None = None,
     ) -> Inspection:
         """Locate the page, compare it with its scan and decide.
 
@@ -146,6 +150,9 @@ class Inspector:
             Name of the scan in errors, where its numbers alone are given.
         seed
             Seed of the detector's random draws.
+        decided
+            Called with the verdict on a misprint, without its explanation, as soon as it is known; only of detectors
+            that know it before (``DecidesFirst``).
 
         Raises
         ------
@@ -157,7 +164,7 @@ class Inspector:
         if not isinstance(scan, Scan):
             scan = Scan(dn=scan, name=scan_name)
         scan = replace(scan, dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press))
-        result = prepared.prepared_page.inspect(scan, seed=seed)
+        result = self._inspected(prepared, scan, seed, decided)
         lit = replace(result, verdict=self._under_its_light(result.verdict, prepared, scan))
         sensors, geometry = self.press.sensors, self.press.geometry
         done = lit
@@ -168,6 +175,19 @@ class Inspector:
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         planned = PlannedPage(prepared.page, self.detector.press_context)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds), planned=planned)
+
+    def _inspected(
+        self, prepared: Prepared, scan: Scan, seed: int, decided: Callable[[Verdict], None] | None
+    ) -> Inspection:
+        page = prepared.prepared_page
+        if decided is None or not isinstance(page, DecidesFirst):
+            return page.inspect(scan, seed=seed)
+
+        def of_misprint(verdict: Verdict) -> None:
+            if self._under_its_light(verdict, prepared, scan).verdict == "misprint":
+                decided(verdict)
+
+        return page.decide_and_explain(scan, decided=of_misprint)
 
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: Scan) -> Verdict:
         """Return the verdict, or one of not-inspected with the reason where the light is wrong."""

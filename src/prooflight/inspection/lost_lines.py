@@ -9,7 +9,7 @@ sheet is inspected so. Lost lines are then evidence neither for a misprint nor a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -70,19 +70,18 @@ def inspect_where_seen(
     unseen: Sequence[Unseen],
     scan_name: str = "the scan",
     seed: int = 0,
+    decided: Callable[[Verdict], None] | None = None,
 ) -> Inspection:
     """Inspect as ``Inspector.inspect`` does, a scan (sensors, lines, pixels) [DN] whose lines ``unseen`` were lost.
 
     With none unseen it is ``Inspector.inspect``. A misprint only where lines were lost, by a detector that
-    was given others in their place, is not-inspected: its evidence was not on the paper. ScanError: as there.
+    was given others in their place, is not-inspected: its evidence was not on the paper. decided, ScanError: as there.
     """
     given = Scan(dn=scan, name=scan_name, unseen=tuple(unseen))
+    page = prepared.prepared_page
+    if not unseen or (isinstance(page, LeavesLostLinesOut) and page.leaves_lost_lines_out):
+        return inspector.inspect(prepared, given, seed=seed, decided=decided)
     done_first = inspector.inspect(prepared, given, seed=seed)
-    if not unseen or (
-        isinstance(prepared.prepared_page, LeavesLostLinesOut)
-        and prepared.prepared_page.leaves_lost_lines_out
-    ):
-        return done_first
     filled = as_foretold(scan, done_first, unseen, seed=seed)
     done = inspector.inspect(prepared, replace(given, dn=filled), seed=seed)
     verdict = done.verdict

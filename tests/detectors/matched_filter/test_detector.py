@@ -97,6 +97,23 @@ def test_a_severe_misprint_alarms_and_says_why(bench: Bench, kind: str) -> None:
     }
 
 
+def test_misprints_alone_are_known_before_they_are_explained(bench: Bench) -> None:
+    """Good prints, a hole, and another page; a page of the test that alarms counts as a misprint."""
+    page, rng = bench.page(0), np.random.default_rng(7)
+    prepared, printed = bench.inspector.prepare(page), np.array([0, 0, 0, 1, 2])
+    scans = [bench.scan(bench.page(40 * (what == 2)), rng) for what in printed]
+    scans[3][:, 200:230, 100:130] //= 2
+    misprints = []
+    for scan in scans:
+        known: list[Verdict] = []
+        verdict = bench.inspector.inspect(prepared, scan, decided=known.append).verdict
+        misprints.append(verdict.verdict == "misprint")
+        expected = [("misprint", None, verdict.score, verdict.threshold)] * misprints[-1]
+        assert [(one.verdict, one.kind, one.score, one.threshold) for one in known] == expected
+    assert not all(misprints[:3])
+    assert all(misprints[3:])
+
+
 def test_a_page_off_its_place_is_wrong_whatever_the_evidence(bench: Bench) -> None:
     page = bench.page(0)
     prepared, rng = bench.inspector.prepare(page), np.random.default_rng(3)

@@ -26,10 +26,10 @@ from prooflight.scans.raw import write_block
 from prooflight.scans.recorded import recorded_scans
 from prooflight.simulation import ring
 from prooflight_line.cli.watch import sources
-from prooflight_line.cli.watch.running import _decided_first
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import run_key
 from prooflight_line.journal.records import PageRecord
+from prooflight_line.run.decided_first import DecidedFirst
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import Outcome, skipped
 from prooflight_line.run.pace import TOO_LATE
@@ -188,12 +188,41 @@ def test_the_gate_decides_a_sheet_before_it_is_told_and_one_that_it_fails_to_dec
         time_s=0.0,
     )
     told: list[Outcome] = []
-    tell = _decided_first(decide, told.append)
+    tell = DecidedFirst(decide=decide, tell=told.append)
     with pytest.raises(OSError, match="full") if fails else contextlib.nullcontext():
         tell(Outcome(record=good, evidence=PageEvidence()))
     [one] = told
     assert (one.record.disposition, one.record.decided_by) == ("hold" if fails else "divert", "gate")
     assert one.record.verdict.verdict == "good"
+
+
+def test_the_gate_decides_a_misprint_once_before_it_is_explained() -> None:
+    asked: list[str | None] = []
+
+    def decide(outcome: Outcome) -> Outcome:
+        asked.append(outcome.record.verdict.kind)
+        return replace(outcome, record=replace(outcome.record, gate="divert"))
+
+    unexplained = Outcome(
+        record=PageRecord(
+            sheet=4,
+            job_page=4,
+            verdict=Verdict(page="p0005", verdict="misprint"),
+            late=False,
+            first_line=0,
+            time_s=0.0,
+        ),
+        evidence=PageEvidence(),
+    )
+    explained = replace(unexplained.record, verdict=replace(unexplained.record.verdict, kind="streak"))
+    told: list[Outcome] = []
+    tell = DecidedFirst(decide=decide, tell=told.append)
+    tell.misprint(unexplained)
+    assert told == []
+    tell(replace(unexplained, record=explained))
+    [one] = told
+    assert asked == [None]
+    assert (one.record.gate, one.record.verdict.kind) == ("divert", "streak")
 
 
 def test_inspection_that_does_not_keep_pace_is_said_first_and_ends_with_exit_code_5(

@@ -81,7 +81,14 @@ class SheetInspector:
         return ready
 
     def inspect(
-        self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+        self,
+        ready: Any,
+        scan: Any,
+        *,
+        name: str,
+        seed: int,
+        unseen: Any = (),
+        **_more: Any,
     ) -> SheetResult:
         self.first(name)
         return SheetResult(verdict=Verdict(page=f"design {ready.page}", verdict="good"))

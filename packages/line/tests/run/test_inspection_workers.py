@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.packed_design import PackedDesign
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -84,6 +85,17 @@ def test_workers_give_the_verdicts_of_this_process(
             np.testing.assert_array_equal(result.stored_evidence[name], array)
     assert results[1].verdict.verdict == "misprint"
     assert len(list(cache.glob("*/*/*.design"))) == 1
+
+
+def test_a_misprint_is_known_before_its_worker_has_explained_it(
+    alone: SheetInspector, ready: PackedDesign, page: Page, workers: InspectionWorkers
+) -> None:
+    known: list[Verdict] = []
+    scan = scan_of(page, alone.inspector.press, 3, hole=True)
+    by_workers = replace(alone, workers=workers)
+    verdict = by_workers.inspect(ready, scan, name="it", seed=3, decided=known.append).verdict
+    assert [(one.verdict, one.kind, one.score) for one in known] == [("misprint", None, verdict.score)]
+    assert verdict.kind is not None
 
 
 def test_light_that_is_followed_reaches_the_workers(

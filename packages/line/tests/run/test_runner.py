@@ -105,6 +105,7 @@ def watched(
     page_store: Book | None = None,
     guarantee: GuaranteeMonitor | None = None,
     notice: Callable[[Notice], None] = lambda _notice: None,
+    misprint: Callable[[Outcome], None] = lambda _outcome: None,
     **settings: Any,
 ) -> tuple[Running, list[Outcome]]:
     told: list[Outcome] = []
@@ -121,6 +122,7 @@ def watched(
         ),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,
+        misprint=misprint,
         notice=notice,
         clock=clock or Clock(),
     )
@@ -230,6 +232,52 @@ def test_a_verdict_behind_its_deadline_is_late_and_still_told() -> None:
     assert running.status().late == len(late)
 
 
+def test_a_misprint_is_decided_in_time_before_it_is_explained() -> None:
+    """Sheet 1 is known to be a misprint while sheet 0 is inspected; its explanation ends after its deadline."""
+    clock, known, told_first = Clock(), threading.Event(), threading.Event()
+    early: list[tuple[int, str, int]] = []
+
+    class Slow(SheetInspector):
+        def inspect(self, ready: Any, scan: Any, *, decided: Any, name: str, **more: Any) -> SheetResult:
+            misprint = Verdict(page="p", verdict="misprint")
+            if name == "sheet 0":
+                assert known.wait(PATIENCE_S)
+            if name == "sheet 1":
+                decided(misprint)
+                known.set()
+                assert told_first.wait(PATIENCE_S)
+                clock.now_s += 10
+                return SheetResult(verdict=replace(misprint, kind="streak"))
+            return super().inspect(ready, scan, name=name, **more)
+
+    def misprint(outcome: Outcome) -> None:
+        early.append((outcome.record.sheet, outcome.record.verdict.verdict, len(told)))
+        told_first.set()
+
+    running, told = watched(
+        [seen(0), seen(1)], inspector=Slow(), clock=clock, source_waits=False, misprint=misprint
+    )
+    running.start()
+    assert running.join(PATIENCE_S)
+    assert early == [(1, "misprint", 1)]
+    assert [(one.record.verdict.kind, one.record.late) for one in told] == [(None, False), ("streak", False)]
+    assert told[1].latency_s is not None
+    assert told[1].latency_s < 1
+
+
+def test_an_explanation_that_fails_leaves_the_sheet_uninspected() -> None:
+    class Failing(SheetInspector):
+        def inspect(self, ready: Any, scan: Any, *, decided: Any, **_more: Any) -> SheetResult:
+            decided(Verdict(page="p", verdict="misprint"))
+            raise ValueError("no kind")
+
+    early: list[Outcome] = []
+    running, told = watched([seen(0)], inspector=Failing(), misprint=early.append)
+    running.start()
+    assert running.join(PATIENCE_S)
+    assert [one.record.verdict.verdict for one in (*early, *told)] == ["misprint", "not-inspected"]
+
+
 def test_a_source_that_waits_has_no_deadline_and_loses_no_sheet() -> None:
     clock = Clock()
 
@@ -300,7 +348,7 @@ def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
 
     class Loud(SheetInspector):
         def inspect(
-            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), **_more: Any
         ) -> SheetResult:
             return SheetResult(verdict=Verdict(page="p", verdict="good"), evidence=evidence)
 
@@ -328,7 +376,7 @@ class Summing(SheetInspector):
     """Sheet n adds n to its run, whatever is said of it."""
 
     def inspect(
-        self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+        self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), **_more: Any
     ) -> SheetResult:
         said = super().inspect(ready, scan, name=name, seed=seed)
         word: VerdictName = "misprint" if name == "sheet 3" else "good"
@@ -541,7 +589,7 @@ def test_a_sheet_with_lost_lines_is_judged_where_it_was_seen_and_says_so() -> No
 
     class Asked(SheetInspector):
         def inspect(
-            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), **_more: Any
         ) -> SheetResult:
             asked.append(unseen)
             return super().inspect(ready, scan, name=name, seed=seed)

@@ -270,7 +270,7 @@ def test_a_verdict_that_is_not_told_is_counted() -> None:
 def test_a_fault_behind_the_verdict_holds_no_other_sheet_back() -> None:
     class Odd(SheetInspector):
         def inspect(
-            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), **_more: Any
         ) -> Any:
             return None if ready.page == 1 else super().inspect(ready, scan, name=name, seed=seed)
 

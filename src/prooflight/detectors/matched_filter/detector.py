@@ -6,7 +6,7 @@ It also explains its decisions.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -34,6 +34,7 @@ from prooflight.detectors.matched_filter.design import PreparedPage as PreparedD
 from prooflight.detectors.matched_filter.design import mode_sensors, prepare_page, with_arrays, without_arrays
 from prooflight.detectors.matched_filter.exchangeability import PressRunTest, of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
+    PARTS,
     Evidence,
     Explainer,
     Judged,
@@ -242,8 +243,16 @@ class MatchedFilterPage:
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
+        return self.decide_and_explain(scan, decided=lambda _verdict: None)
+
+    def decide_and_explain(self, scan: Scan, *, decided: Callable[[Verdict], None]) -> Inspection:
+        """See ``DecidesFirst``; where zones decide as well, they need all statistics."""
         detector, prepared = self.detector, self.prepared_page
         evidence = self._evidence(scan)
+        judged = self._judged(evidence)
+        if judged.decision.misprint and self.judge is None:
+            decided(self._verdict(scan, evidence, judged.decision, {"reason": PARTS}, None))
+        evidence = self._completed(evidence)
         judged = self._judged(evidence)
         far: FarAmounts | None = None
         if judged.decision.misprint and not (evidence.another or self.model.residual_variance.exact):
@@ -281,18 +290,61 @@ class MatchedFilterPage:
         )
 
     def _evidence(self, scan: Scan) -> Evidence:
-        analysis, statistics, score = self._analysed(scan)
-        another = shows_another(analysis.registration)
+        """Return what a scan shows, by the statistics of the model's screen; without a screen by all."""
+        calibrated, screens = self.detector.calibrated, self._screens
+        analysis = analyse(
+            self.prepared_page,
+            scan.dn,
+            lost=scan.lost,
+            residual_variance=calibrated.model.residual_variance,
+            analysed_modes=SCREEN_MODES if screens else MODES,
+            floor_share=self.detector.press_context.floor_share,
+            engine=engine_of(self.detector.press_context.device),
+            threads=self._threads,
+        )
+        found = analysis.sums, analysis.marks, analysis.fit, analysis.registration, calibrated.model.scatter
+        if screens:
+            return self._evidence_of(analysis, screen_statistics(*found, threads=self._threads))
+        return self._evidence_of(analysis, all_statistics(*found))
+
+    def _completed(self, evidence: Evidence) -> Evidence:
+        """Return the evidence with all statistics, which explain a page that alarms by those of the screen."""
+        calibrated, model = self.detector.calibrated, self.model
+        if not self._screens or evidence.score <= calibrated.threshold:
+            return evidence
+        analysis = evidence.analysis.of_every_mode()
+        every = remaining_statistics(
+            analysis.sums,
+            calibrated.model.scatter,
+            evidence.statistics,
+            order=model.statistics,
+            threads=self._threads,
+        )
+        return self._evidence_of(analysis, every)
+
+    def _evidence_of(self, analysis: ScanAnalysis, statistics: list[Observed]) -> Evidence:
+        features, another = self.prepared_page.page_features, shows_another(analysis.registration)
+        values = statistics_vector(self.model, statistics, features)
         return Evidence(
             analysis=analysis,
-            score=score,
-            strongest=self.model.strongest(statistics, self.prepared_page.page_features, most=STRONGEST),
-            values=self.model.vector_of(statistics),
+            statistics=statistics,
+            score=score_of(self.model, values, features, another=another),
+            strongest=self.model.strongest(statistics, features, most=STRONGEST),
+            values=values,
             careful=self._careful(analysis),
             another=another,
             glyphs=NOTHING if another else analysis.glyphs,
             floor=NO_FLOOR if another else analysis.marks.floor,
         )
+
+    @property
+    def _screens(self) -> bool:
+        """Whether some statistics decide alone, and all are computed only for a page that alarms."""
+        return self.model.screen is not None and not self.detector.in_full
+
+    @property
+    def _threads(self) -> int:
+        return self.detector.press_context.threads or os.cpu_count() or 1
 
     def _judged(self, evidence: Evidence) -> Judged:
         """Return the decision on a page, by the ranking of its statistics, its zones, its glyphs and the floor."""
@@ -363,47 +415,6 @@ class MatchedFilterPage:
         if self.detector.calibrated.recalibrations:
             return np.array([decision.score]) if np.isfinite(decision.score) else None
         return summary_of(self.model, values, self.prepared_page.page_features, score=score)
-
-    def _analysed(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
-        """Return the analysis of a scan, its statistics and its score.
-
-        All statistics are computed only for a page that alarms.
-        """
-        calibrated, model = self.detector.calibrated, self.model
-        threads = self.detector.press_context.threads or os.cpu_count() or 1
-        screens = model.screen is not None and not self.detector.in_full
-        modes = SCREEN_MODES if screens else MODES
-        analysis = analyse(
-            self.prepared_page,
-            scan.dn,
-            lost=scan.lost,
-            residual_variance=calibrated.model.residual_variance,
-            analysed_modes=modes,
-            floor_share=self.detector.press_context.floor_share,
-            engine=engine_of(self.detector.press_context.device),
-            threads=threads,
-        )
-        another, scatter = shows_another(analysis.registration), calibrated.model.scatter
-
-        def scored(statistics: list[Observed]) -> tuple[list[Observed], float]:
-            values = statistics_vector(model, statistics, self.prepared_page.page_features)
-            return statistics, score_of(model, values, self.prepared_page.page_features, another=another)
-
-        seen: list[Observed] = []
-        if screens and not another:
-            seen = screen_statistics(
-                analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter, threads=threads
-            )
-            statistics, score = scored(seen)
-            if score <= calibrated.threshold:
-                return analysis, statistics, score
-        analysis = analysis.of_every_mode()
-        if not seen:
-            return analysis, *scored(
-                all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter)
-            )
-        every = remaining_statistics(analysis.sums, scatter, seen, order=model.statistics, threads=threads)
-        return analysis, *scored(every)
 
     def _careful(self, analysis: ScanAnalysis) -> list[Observed]:
         """Return the statistics of the page's careful areas; empty: it has none."""

@@ -305,6 +305,8 @@ class Evidence:
     """What one scan shows, as far as it decides or explains."""
 
     analysis: ScanAnalysis
+    statistics: list[Observed]
+    """All, or those of the model's screen alone."""
     score: float
     """Score of the ranking."""
     strongest: list[tuple[str, Observed]]

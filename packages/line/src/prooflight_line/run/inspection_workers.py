@@ -26,6 +26,7 @@ from uuid import uuid4
 import numpy as np
 
 from prooflight.detectors.optional import StoresPages
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import InputError, ProoflightError
 from prooflight.files.lock import WriterLock, writer_lives
 from prooflight.files.user_folders import user_folder
@@ -86,15 +87,22 @@ class InspectionWorkers:
         self._inspectors: weakref.WeakKeyDictionary[SheetInspector, Path] = weakref.WeakKeyDictionary()
 
     def inspect(
-        self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
+        self,
+        inspector: SheetInspector,
+        ready: PackedDesign,
+        scan: NDArray[np.uint16],
+        *,
+        decided: Callable[[Verdict], None] | None = None,
+        **arguments: Any,
     ) -> SheetResult:
         """Inspect a scan (sensors, lines, pixels) [DN] in a worker that is idle.
 
-        arguments: as of ``SheetInspector.inspect``. ProoflightError: the worker was killed; another takes its place.
+        decided, arguments: as of ``SheetInspector.inspect``. ProoflightError: the worker was killed; another takes its
+        place.
         """
         files = self.provide(inspector, ready)
         with self._reserved() as worker:
-            return worker.inspect(*files, scan, arguments)
+            return worker.inspect(*files, scan, arguments, decided)
 
     def rehearse(
         self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
@@ -220,23 +228,34 @@ class _Worker:
         self.process: SpawnProcess | None = None
 
     def inspect(
-        self, folder: Path, design: Path, scan: NDArray[np.uint16], arguments: dict[str, Any]
+        self,
+        folder: Path,
+        design: Path,
+        scan: NDArray[np.uint16],
+        arguments: dict[str, Any],
+        decided: Callable[[Verdict], None] | None = None,
     ) -> SheetResult:
         shared = self._room(scan.nbytes)
         np.ndarray(scan.shape, scan.dtype, shared.buf)[...] = scan
-        return self._answer(folder, design, (shared.name, scan.shape, arguments))
+        return self._answer(folder, design, (shared.name, scan.shape, arguments), decided)
 
     def load(self, folder: Path, design: Path) -> None:
         self._answer(folder, design, None)
 
     def _answer(
-        self, folder: Path, design: Path, sheet: tuple[str, tuple[int, ...], dict[str, Any]] | None
+        self,
+        folder: Path,
+        design: Path,
+        sheet: tuple[str, tuple[int, ...], dict[str, Any]] | None,
+        decided: Callable[[Verdict], None] | None = None,
     ) -> Any:
         if self.process is None:
             self._start()
         try:
             self._link.send((folder, design, sheet))
-            result = self._link.recv()
+            while isinstance(result := self._link.recv(), Verdict):  # before the result
+                if decided is not None:
+                    decided(result)
         except (EOFError, OSError) as error:
             self.process = None
             raise ProoflightError(f"a sheet: {KILLED}; free some") from error
@@ -291,7 +310,7 @@ def _work(link: Connection) -> None:
                     scans.clear()
                     scans[name] = SharedMemory(name=name)
                 scan = np.ndarray(shape, np.uint16, scans[name].buf)
-                result = inspector.inspect(ready, scan, **arguments)
+                result = inspector.inspect(ready, scan, decided=link.send, **arguments)
                 del scan  # memory that arrays refer to cannot be closed
             link.send(result)
         except Exception as error:

@@ -39,6 +39,14 @@ class SheetTimes:
     begun_s: float
     """Time at which its inspection began."""
     decided_s: float
+    """Time at which its verdict was known; a misprint is explained after that."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unexplained:
+    """A misprint that is still being explained, for the gate."""
+
+    outcome: Outcome
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -152,6 +160,11 @@ class InOrder:
         """Begin with the sheet ``first``."""
         self._next = first
         self._early: dict[int, Outcome] = {}
+
+    @property
+    def next(self) -> int:
+        """Number of the sheet whose turn it is."""
+        return self._next
 
     def put(self, outcome: Outcome) -> list[Outcome]:
         """Add an outcome; return those whose turn has come."""

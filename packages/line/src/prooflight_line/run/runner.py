@@ -35,6 +35,7 @@ from prooflight_line.run.outcomes import (
     InOrder,
     Outcome,
     SheetTimes,
+    Unexplained,
     kinds_of,
     lost_lines,
     missing_page,
@@ -46,6 +47,7 @@ from prooflight_line.run.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
 from prooflight_line.run.prefetch import DesignPrefetcher, ThumbnailCache
 from prooflight_line.run.queues import Sheet, Waiting
 from prooflight_line.run.resuming import Past
+from prooflight_line.run.sheet_inspector import SheetResult
 from prooflight_line.run.sheets.records import MissingPage, SeenPage
 from prooflight_line.run.sheets.thumbnails import Thumbnail
 from prooflight_line.run.status import VERDICTS, Phase, Status, Tally
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.packed_design import PackedDesign
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -64,7 +67,7 @@ if TYPE_CHECKING:
     from prooflight_line.run.pager import Pager
     from prooflight_line.run.prefetch import PageStore
     from prooflight_line.run.settings import Settings
-    from prooflight_line.run.sheet_inspector import SheetInspector, SheetResult
+    from prooflight_line.run.sheet_inspector import SheetInspector
     from prooflight_line.run.sheets.following import Expected
 
     ReadyDesign = tuple[SheetInspector, PackedDesign, NDArray[np.float64] | None]
@@ -101,6 +104,7 @@ class Running:
         watch: RunWatch,
         settings: Settings,
         tell: Callable[[Outcome], None] = lambda _outcome: None,
+        misprint: Callable[[Outcome], None] = lambda _outcome: None,
         notice: Callable[[Notice], None] = lambda _notice: None,
         arrived: Callable[[int, SeenPage], None] = lambda _number, _page: None,
         name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
@@ -119,6 +123,8 @@ class Running:
             Makes the pager when the first thumbnails are known.
         tell
             Called with every outcome, in the order of the run, by one thread.
+        misprint
+            Called by the same thread with the next sheet of the run, if it is a misprint that is still being explained.
         notice
             Called by the same thread with notices that belong to no sheet.
         arrived
@@ -140,13 +146,15 @@ class Running:
         self._inspector, self._watch, self._settings = inspector, watch, settings
         self._first_inspector = inspector
         self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
+        self._on_misprint = misprint
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self._stored, self._store = stored, store
         past = past or Past()
         self.tally = Tally(counts=Counter(past.counts), faults=Counter(past.faults))
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = ThumbnailCache(page_store)
-        self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[Outcome | Unexplained | Notice | None] = queue.SimpleQueue()
+        self._unexplained: dict[int, Outcome] = {}
         self._unusable = Unusable(self._done.put)
         self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
         self._prefetcher: DesignPrefetcher[ReadyDesign] = DesignPrefetcher(
@@ -466,6 +474,20 @@ class Running:
         """Return the outcome of one sheet; no failure of its inspection stops the run."""
         begun_s = self._clock()
         self.tally.took("queue", begun_s - sheet.arrived_s)
+        times = SheetTimes(
+            lines_s=sheet.seen.lines_s,
+            last_line_s=sheet.arrived_s,
+            placed_s=sheet.placed_s,
+            begun_s=begun_s,
+            decided_s=math.inf,
+        )
+
+        def decided(verdict: Verdict) -> None:
+            nonlocal times
+            times = replace(times, decided_s=self._clock())
+            known = self._outcome(sheet, SheetResult(verdict=verdict), None, times)
+            self._done.put(Unexplained(outcome=known))
+
         try:
             inspector, ready, used = self._prefetcher.get(sheet.job_page)
             with due(sheet.deadline_s, self._clock, processors=os.cpu_count() or 1):
@@ -476,21 +498,16 @@ class Running:
                     name=f"sheet {sheet.number}",
                     seed=self._settings.seed + sheet.number,
                     sheet=sheet.number,
+                    decided=decided,
                 )
-            decided_s = self._clock()
-            times = SheetTimes(
-                lines_s=sheet.seen.lines_s,
-                last_line_s=sheet.arrived_s,
-                placed_s=sheet.placed_s,
-                begun_s=begun_s,
-                decided_s=decided_s,
-            )
+            ended_s = self._clock()
+            times = replace(times, decided_s=min(times.decided_s, ended_s))
             done = self._outcome(sheet, result, used, times)
         except Exception as error:
             why = f"the sheet could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
             return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page))
-        self.tally.took("inspect", decided_s - begun_s)
-        self.tally.took("verdict", decided_s - sheet.arrived_s)
+        self.tally.took("inspect", ended_s - begun_s)
+        self.tally.took("verdict", times.decided_s - sheet.arrived_s)
         return done
 
     def _outcome(
@@ -523,8 +540,14 @@ class Running:
             if isinstance(done, Notice):
                 self._finish_one(f"notice {done.kind}", self._say, done)
                 continue
-            for turn in self._order.put(done):
-                self._finished += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
+            if isinstance(done, Unexplained):
+                self._unexplained[done.outcome.record.sheet] = done.outcome
+            else:
+                self._unexplained.pop(done.record.sheet, None)
+                for turn in self._order.put(done):
+                    self._finished += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
+            if (known := self._unexplained.pop(self._order.next, None)) is not None:
+                self._finish_one(f"sheet {known.record.sheet}", self._on_misprint, known)
 
     def _finish_one(self, name: str, finish: Callable[[Any], None], done: Outcome | Notice) -> bool:
         """Run ``finish`` and return whether it succeeded: a failing observer or disk must not end the inspection."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
@@ -81,7 +81,13 @@ class SheetWorkers(Protocol):
     """Processes that inspect (``inspection_workers``)."""
 
     def inspect(
-        self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
+        self,
+        inspector: SheetInspector,
+        ready: PackedDesign,
+        scan: NDArray[np.uint16],
+        *,
+        decided: Callable[[Verdict], None] | None,
+        **arguments: Any,
     ) -> SheetResult:
         """Inspect a scan in one of them."""
         ...
@@ -138,6 +144,7 @@ class SheetInspector:
         seed: int,
         unseen: Sequence[Unseen] = (),
         sheet: int = 0,
+        decided: Callable[[Verdict], None] | None = None,
     ) -> SheetResult:
         """Inspect one scan of a sheet.
 
@@ -155,6 +162,8 @@ class SheetInspector:
             Lines of the scan that the camera lost.
         sheet
             Number of the sheet in the run.
+        decided
+            Called with the verdict on a misprint before it is explained, as ``Inspector.inspect`` does.
 
         Raises
         ------
@@ -163,11 +172,11 @@ class SheetInspector:
         """
         if self.workers is not None:
             arguments = {"name": name, "seed": seed, "unseen": unseen, "sheet": sheet}
-            return self.workers.inspect(self, ready, scan, **arguments)
+            return self.workers.inspect(self, ready, scan, decided=decided, **arguments)
         threads = self.inspector.detector.press_context.threads or os.cpu_count() or 1
         prepared, press = ready.unpacked(threads=threads), self.inspector.press
         inspection = inspect_where_seen(
-            self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
+            self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed, decided=decided
         )
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
         misprint = inspection.verdict.verdict == "misprint"

@@ -47,7 +47,7 @@ def watched(
 
     follow: whether slow changes of lamp and paper are adapted to. false_alarms: stated rate of the run's monitor,
     per 100,000 pages. recorded: rows of a run that is resumed, in their order; None: the run is new. told: ``tell``,
-    ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
+    ``misprint``, ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
 

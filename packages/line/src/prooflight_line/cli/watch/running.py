@@ -126,6 +126,7 @@ def _ready(
     notices: _Notices,
 ) -> Running:
     """Return the run, ready to start; sheets and notices go to the gate, the display, the traces and the plant."""
+    from prooflight_line.run.decided_first import DecidedFirst
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.prefetch import JobPageStore
     from prooflight_line.run.watching import watched
@@ -139,6 +140,14 @@ def _ready(
         warnings=PageWarnings(notices, planned.read.early.warnings),
     )
     before = _PreparedJob.of(planned, page_store)
+    decided_first = DecidedFirst(
+        decide=_timed(served.gate_observer, traced),
+        tell=_each(
+            partial(console.observe, recorder=recorder),
+            None if traced is None else traced.observe,
+            served.stream_observer,
+        ),
+    )
     recorded = None
     if recorder is not None and planned.resumption is not None:
         recorded = recorder.journal.pages(recorder.run_id)
@@ -152,14 +161,8 @@ def _ready(
         follow=planned.options.pace.follow,
         false_alarms=planned.options.false_alarms,
         recorded=recorded,
-        tell=_decided_first(
-            _timed(served.gate_observer, traced),
-            _each(
-                partial(console.observe, recorder=recorder),
-                None if traced is None else traced.observe,
-                served.stream_observer,
-            ),
-        ),
+        tell=decided_first,
+        misprint=decided_first.misprint,
         notice=_each(console.noticed, served.noticed),
         arrived=served.arrived,
         name=page_store.name,
@@ -230,26 +233,6 @@ def _timed(
 ) -> Callable[[Outcome], Outcome] | None:
     """Return the gate's function, timed for the traces if there are any."""
     return decide if decide is None or traced is None else traced.deciding(decide)
-
-
-def _decided_first(
-    decide: Callable[[Outcome], Outcome] | None, tell: Callable[[Outcome], None]
-) -> Callable[[Outcome], None]:
-    """Return a function that lets the gate decide a sheet before it is reported; ``decide`` None: there is no gate.
-
-    A sheet that the gate fails to decide is reported as held.
-    """
-    if decide is None:
-        return tell
-
-    def observe(outcome: Outcome) -> None:
-        decided = replace(outcome, record=replace(outcome.record, gate="hold"))
-        try:
-            decided = decide(outcome)
-        finally:
-            tell(decided)
-
-    return observe
 
 
 def _each(*tells: Callable[[Event], None] | None) -> Callable[[Event], None]:

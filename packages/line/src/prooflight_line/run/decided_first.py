@@ -1,0 +1,49 @@
+"""Order in which sheets are decided by a gate and reported: a misprint is decided before it is explained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from prooflight.detectors.disposition import Disposition
+    from prooflight_line.run.outcomes import Outcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecidedFirst:
+    """Report of outcomes that lets a gate decide each of them once; called in the order of the run."""
+
+    decide: Callable[[Outcome], Outcome] | None
+    """Function of the gate, which returns an outcome with its decision; None: there is no gate."""
+    tell: Callable[[Outcome], None]
+    """Function to which the decided outcomes are reported."""
+    _decided: dict[int, Disposition | None] = field(default_factory=dict)
+    """Decisions on misprints that are not reported yet, by the number of the sheet."""
+
+    def misprint(self, outcome: Outcome) -> None:
+        """Let the gate decide the next sheet, a misprint that is still being explained; nothing is reported."""
+        if self.decide is not None:
+            sheet = outcome.record.sheet
+            self._decided[sheet] = "hold"
+            self._decided[sheet] = self.decide(outcome).record.gate
+
+    def __call__(self, outcome: Outcome) -> None:
+        """Report an outcome, decided; a sheet that the gate fails to decide is reported as held."""
+        if self.decide is None:
+            self.tell(outcome)
+            return
+        sheet = outcome.record.sheet
+        if sheet in self._decided:
+            self.tell(_with_gate(outcome, self._decided.pop(sheet)))
+            return
+        decided = _with_gate(outcome, "hold")
+        try:
+            decided = self.decide(outcome)
+        finally:
+            self.tell(decided)
+
+
+def _with_gate(outcome: Outcome, gate: Disposition | None) -> Outcome:
+    return replace(outcome, record=replace(outcome.record, gate=gate))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_line.run.status import Phase
 
 if TYPE_CHECKING:
@@ -58,10 +59,17 @@ class Installation:
         for _ in self.run("job", "prepare", job, "--press", press):
             pass
 
-    def watch(self, job: Path, press: Path, *, pages_per_s: float, sheets: int, seed: int) -> dict[str, Any]:
-        """Return the figures of one run of `prooflight watch` on the simulated drum."""
+    def watch(
+        self, job: Path, press: Path, *, pages_per_s: float, sheets: int, seed: int, misprints: bool = False
+    ) -> dict[str, Any]:
+        """Return the figures of one run of `prooflight watch` on the simulated drum.
+
+        misprints: whether every tenth print is a misprint, of all kinds in turn.
+        """
         begun_s = time.perf_counter()
-        source = ("--source", f"drum:{pages_per_s:g}", "--sheets", str(sheets), "--seed", str(seed))
+        source = ["--source", f"drum:{pages_per_s:g}", "--sheets", str(sheets), "--seed", str(seed)]
+        if misprints:
+            source += ["--misprint", ",".join(KINDS)]
         ready_s, lines = math.nan, []
         for line in self.run("watch", job, "--press", press, *source, "--json"):
             if line.get("phase") == Phase.INSPECTING:
@@ -88,6 +96,8 @@ def counted(lines: Iterable[Mapping[str, Any]], *, sheets: int) -> dict[str, Any
     return {
         "sheets": sheets,
         "late": sum(bool(line["late"]) for line in lines),
+        "misprints": sum(line["verdict"] == "misprint" for line in lines),
+        "misprints_late": sum(line["verdict"] == "misprint" and bool(line["late"]) for line in lines),
         "not_inspected": reasons.total(),
         "reasons": dict(reasons.most_common()),
         "median_ms": round(float(np.median(latencies))) if latencies else None,
@@ -127,17 +137,20 @@ class StartedRun:
     def rows(
         self, folder: Path, *, sheets: int, trial_s: float, seed: int, progress: Callable[[str], None]
     ) -> list[dict[str, Any]]:
-        """Return a row of the first run after installation, and one of the next, with the highest sustained rate.
+        """Return rows of the first run after installation, of the next with the highest rate, and of one with misprints.
 
-        sheets: of either; trial_s: duration of each run of the bisection, which has no more sheets than either.
+        sheets: of the first two; the third has a fifth of them. trial_s: duration of each run of the bisection, which
+        has no more sheets than these.
         """
         facts = {"name": self.name, "sensors": self.sensors, "pages": self.pages, "prepared": self.prepared}
         rows = []
         with tempfile.TemporaryDirectory(dir=folder) as empty:
             installation = Installation(folder=Path(empty))
 
-            def run(rate: float, count: int) -> dict[str, Any]:
-                row = installation.watch(self.job, self.press, pages_per_s=rate, sheets=count, seed=seed)
+            def run(rate: float, count: int, *, misprints: bool = False) -> dict[str, Any]:
+                row = installation.watch(
+                    self.job, self.press, pages_per_s=rate, sheets=count, seed=seed, misprints=misprints
+                )
                 progress(f"{self.name}: {json.dumps(row)}")
                 return row
 
@@ -150,4 +163,7 @@ class StartedRun:
             rows[-1]["highest_pages_per_s"] = highest_sustained(
                 lambda rate: sustained(run(rate, min(math.ceil(rate * trial_s), sheets)))
             )
+            wrong = facts | {"name": f"{self.name}, a tenth misprints"}
+            few = run(self.pages_per_s, max(sheets // 5, 1), misprints=True)
+            rows.append(wrong | {"caches": "warm", "highest_pages_per_s": None} | few)
         return rows

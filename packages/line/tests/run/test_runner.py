@@ -19,11 +19,12 @@ from prooflight_line.run.monitor.run import PageEvidence, RunMonitor
 from prooflight_line.run.outcomes import InOrder, Outcome, RunWatch, skipped
 from prooflight_line.run.prefetch import DesignPrefetcher
 from prooflight_line.run.queues import Waiting
-from prooflight_line.run.runner import REHEARSALS, Running
+from prooflight_line.run.runner import Running
 from prooflight_line.run.settings import Settings
 from prooflight_line.run.sheet_inspector import SheetResult
 from prooflight_line.run.sheets.records import Fault, MissingPage, SeenPage
 from prooflight_line.run.status import Phase, Times
+from prooflight_line.run.warm_up import REHEARSALS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -263,6 +264,23 @@ def test_a_misprint_is_decided_in_time_before_it_is_explained() -> None:
     assert [(one.record.verdict.kind, one.record.late) for one in told] == [(None, False), ("streak", False)]
     assert told[1].latency_s is not None
     assert told[1].latency_s < 1
+
+
+def test_others_are_inspected_while_a_misprint_is_explained() -> None:
+    """The one inspecting thread goes on to sheet 1, without which the explanation of sheet 0 would not end."""
+    next_inspected = threading.Event()
+
+    class Slow(SheetInspector):
+        def inspect(self, ready: Any, scan: Any, *, decided: Any, name: str, **more: Any) -> SheetResult:
+            if name == "sheet 0":
+                decided(Verdict(page="p", verdict="misprint"))
+                assert next_inspected.wait(PATIENCE_S)
+                return SheetResult(verdict=Verdict(page="p", verdict="misprint", kind="streak"))
+            next_inspected.set()
+            return super().inspect(ready, scan, name=name, **more)
+
+    _, told = run([seen(0), seen(1)], inspector=Slow(), inspectors=1, explainers=1)
+    assert [one.record.verdict.kind for one in told] == ["streak", None]
 
 
 def test_an_explanation_that_fails_leaves_the_sheet_uninspected() -> None:

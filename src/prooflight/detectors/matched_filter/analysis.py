@@ -181,7 +181,7 @@ class HostImages:
         self._raster = page.raster_light()
         seen = page.predict(page.placement, self._raster)
         modes = moved_modes(design.images, where, len(seen.expected_dn), threads=threads)
-        self.hidden = None
+        self.hidden, self._is_cleared = None, False
         if design.hidden is not None:
             self.hidden = moved(design.hidden, where, threads=threads)
             modes.texture[...] = with_hidden_edges(modes.texture, self.hidden, page.residual_variance)
@@ -250,7 +250,9 @@ class HostImages:
 
     def placed(self) -> PlacedScan:
         """See ``ScanImages``."""
-        self._placed.modes.cleared()
+        if not self._is_cleared:
+            self._placed.modes.cleared()
+            self._is_cleared = True
         return self._placed
 
     def summed(self, modes: tuple[str, ...]) -> Sums:

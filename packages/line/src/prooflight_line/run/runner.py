@@ -18,7 +18,7 @@ import queue
 import threading
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
@@ -51,6 +51,7 @@ from prooflight_line.run.sheet_inspector import SheetResult
 from prooflight_line.run.sheets.records import MissingPage, SeenPage
 from prooflight_line.run.sheets.thumbnails import Thumbnail
 from prooflight_line.run.status import VERDICTS, Phase, Status, Tally
+from prooflight_line.run.warm_up import REHEARSALS, warm_up
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
@@ -76,8 +77,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 BUSY: Final = "being_inspected"
-REHEARSALS: Final = 2
-"""Number of designs with which inspection is rehearsed."""
 MIND_S: Final = 0.25
 """Interval of the checks whether the source has gone silent, or a person has stopped the run."""
 DOUBTED: Final = 3
@@ -177,6 +176,7 @@ class Running:
         self._noted: list[str] = []
         self._behind = False
         self._unready = 0  # sheets since the last whose design was ready
+        self._deciding = threading.Semaphore(settings.inspectors)
         self._stopping, self._dropping = threading.Event(), threading.Event()
         self._ended = threading.Event()
         self._started_s = clock()
@@ -220,7 +220,7 @@ class Running:
     def _run(self) -> None:
         inspectors = [
             threading.Thread(target=self._inspect_all, name=f"inspect-{n}", daemon=True)
-            for n in range(self._settings.inspectors)
+            for n in range(self._settings.inspectors + self._settings.explainers)
         ]
         finisher = threading.Thread(target=self._finish_all, name="finish", daemon=True)
         minder = threading.Thread(target=self._mind, name="mind", daemon=True)
@@ -277,27 +277,15 @@ class Running:
         if not self.tally.to_rehearse:
             return
         # With the largest design, so that each thread has memory for its pages, and with one of middle size, since the
-        # largest may be a picture alone, without letters. After all designs are loaded: the first inspection after that
-        # took three times as long.
+        # largest may be a picture alone, without letters.
         designs = self._prefetcher.largest(), self._prefetcher.middle()
-        with ThreadPoolExecutor(self._settings.inspectors) as loading:
-            loads = [loading.submit(self._load, *design[:2]) for design in self._prefetcher.all_ready()]
-            inspector, ready, _ = designs[0]
-            inspector.rehearse_preparation(ready)
-            scans = [inspector.rehearsal_scans(ready) for inspector, ready, _ in designs]
-        try:
-            for load in loads:
-                load.result()
-            for (inspector, ready, _), seen in zip(designs, scans, strict=True):
-                if not self._stopping.is_set():
-                    inspector.rehearse(ready, seen, threads=self._settings.inspectors)
-                self.tally.count("rehearsed")
-        except Exception as error:
-            _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
-
-    def _load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
-        if not self._stopping.is_set():
-            inspector.load(ready)
+        warm_up(
+            [one[:2] for one in self._prefetcher.all_ready()],
+            [one[:2] for one in designs],
+            threads=self._settings.inspectors,
+            is_stopping=self._stopping.is_set,
+            done=lambda: self.tally.count("rehearsed"),
+        )
 
     def _first_of_designs(self) -> list[int]:
         """Return the first sheet of each design that is made ready before the first line is read.
@@ -448,20 +436,22 @@ class Running:
 
     def _inspect_all(self) -> None:
         while True:
-            sheet, dropped = self._waiting.take(
-                lambda: self._clock() + self._inspect_s(), is_late=lambda: self._behind
-            )
-            for late in dropped:
-                self._pass(late, TOO_LATE)
-            if sheet is None and dropped:
-                continue
-            if sheet is None:
-                return
-            self.tally.count(BUSY)
-            try:
-                self._done.put(self._inspect(sheet))
-            finally:
-                self.tally.count(BUSY, by=-1)
+            with ExitStack() as deciding:
+                deciding.enter_context(self._deciding)
+                sheet, dropped = self._waiting.take(
+                    lambda: self._clock() + self._inspect_s(), is_late=lambda: self._behind
+                )
+                for late in dropped:
+                    self._pass(late, TOO_LATE)
+                if sheet is None and dropped:
+                    continue
+                if sheet is None:
+                    return
+                self.tally.count(BUSY)
+                try:
+                    self._done.put(self._inspect(sheet, deciding.close))
+                finally:
+                    self.tally.count(BUSY, by=-1)
 
     def _inspect_s(self) -> float:
         """Return the expected time of an inspection.
@@ -470,8 +460,11 @@ class Running:
         """
         return min(self.tally.typical_s("inspect"), self._settings.deadline_s / 2)
 
-    def _inspect(self, sheet: Sheet) -> Outcome:
-        """Return the outcome of one sheet; no failure of its inspection stops the run."""
+    def _inspect(self, sheet: Sheet, on_decision: Callable[[], None]) -> Outcome:
+        """Return the outcome of one sheet; no failure of its inspection stops the run.
+
+        on_decision: called when it is known to be a misprint, and is only explained from then on.
+        """
         begun_s = self._clock()
         self.tally.took("queue", begun_s - sheet.arrived_s)
         times = SheetTimes(
@@ -487,10 +480,12 @@ class Running:
             times = replace(times, decided_s=self._clock())
             known = self._outcome(sheet, SheetResult(verdict=verdict), None, times)
             self._done.put(Unexplained(outcome=known))
+            on_decision()
 
         try:
             inspector, ready, used = self._prefetcher.get(sheet.job_page)
-            with due(sheet.deadline_s, self._clock, processors=os.cpu_count() or 1):
+            processors = (os.cpu_count() or 1) + self._settings.explainers
+            with due(sheet.deadline_s, self._clock, processors=processors):
                 result = inspector.inspect(
                     ready,
                     sheet.seen.scan,

@@ -36,6 +36,8 @@ class Settings:
     """Greatest number of sheets that wait."""
     inspectors: int = 2
     """Number of threads that inspect; kernels release the interpreter's lock."""
+    explainers: int = 0
+    """Number of threads beside these, so that others inspect while a misprint that is decided is explained."""
     start_at_once: bool = False
     """Whether lines are read as soon as one design is ready; sheets of others are not inspected until theirs
     are."""

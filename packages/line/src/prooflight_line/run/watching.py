@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight_line.run.following import Adapting
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from prooflight_line.run.prefetch import PageStore
     from prooflight_line.run.sheet_inspector import Keep
     from prooflight_line.run.sheets.following import Expected
+
+EXPLAINERS: Final = 1
+"""Number of worker processes beside those that inspect: explaining a misprint takes the time of two inspections."""
 
 
 def watched(
@@ -60,7 +63,7 @@ def watched(
     workers = worker_count(settings.inspectors, inspector, source_waits=settings.source_waits)
     threads = settings.inspectors // workers if workers else threads_a_sheet(settings)
     if workers:
-        settings = replace(settings, inspectors=workers)
+        settings = replace(settings, inspectors=workers, explainers=EXPLAINERS)
     watch = RunWatch(
         monitor=monitor,
         adapting=Adapting.begin(press) if follow else None,
@@ -83,7 +86,7 @@ def watched(
             inspector=inspector.with_threads(threads),
             keep=keep,
             sampling=Sampling(sample=settings.sample, seed=settings.seed),
-            workers=InspectionWorkers(workers) if workers else None,
+            workers=InspectionWorkers(workers + EXPLAINERS) if workers else None,
         ),
         watch=watch,
         settings=settings,

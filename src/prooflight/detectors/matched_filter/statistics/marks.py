@@ -357,13 +357,16 @@ def _floor(
         )
 
     def largest(pixels: int, sign: int) -> FloorFinding:
-        _, _, regions, _ = cv2.connectedComponentsWithStats(flags[sign], connectivity=8)
-        regions = regions[1:]
-        if not len(regions):
+        column, row, columns, rows = cv2.boundingRect(flags[sign])
+        if not rows:
             return NO_FLOOR
+        # Regions of the whole page take 9 ms.
+        marks = flags[sign, row : row + rows, column : column + columns]
+        regions = cv2.connectedComponentsWithStats(marks, connectivity=8)[2][1:]
         x, y, width, height, area = (int(value) for value in regions[regions[:, cv2.CC_STAT_AREA].argmax()])
         if area < pixels:
             return NO_FLOOR
+        x, y = x + column, y + row
         box = x * pixel_mm + left_mm, y * pixel_mm + top_mm, width * pixel_mm, height * pixel_mm
         return FloorFinding(area_mm2=area * pixel_mm**2, box=box, darker=sign == DARKER)
 

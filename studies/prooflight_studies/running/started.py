@@ -137,7 +137,7 @@ class StartedRun:
     def rows(
         self, folder: Path, *, sheets: int, trial_s: float, seed: int, progress: Callable[[str], None]
     ) -> list[dict[str, Any]]:
-        """Return rows of the first run after installation, of the next with the highest rate, and of one with misprints.
+        """Return rows of the first run after installation, the next with the highest rate, and one with misprints.
 
         sheets: of the first two; the third has a fifth of them. trial_s: duration of each run of the bisection, which
         has no more sheets than these.

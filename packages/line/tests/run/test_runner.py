@@ -266,21 +266,34 @@ def test_a_misprint_is_decided_in_time_before_it_is_explained() -> None:
     assert told[1].latency_s < 1
 
 
-def test_others_are_inspected_while_a_misprint_is_explained() -> None:
+@pytest.mark.parametrize("next_is_misprint", [False, True])
+def test_others_are_inspected_while_a_misprint_is_explained(next_is_misprint: bool) -> None:
     """The one inspecting thread goes on to sheet 1, without which the explanation of sheet 0 would not end."""
-    next_inspected = threading.Event()
+    went_on = threading.Event()
+    early: list[int] = []
 
     class Slow(SheetInspector):
         def inspect(self, ready: Any, scan: Any, *, decided: Any, name: str, **more: Any) -> SheetResult:
-            if name == "sheet 0":
-                decided(Verdict(page="p", verdict="misprint"))
-                assert next_inspected.wait(PATIENCE_S)
-                return SheetResult(verdict=Verdict(page="p", verdict="misprint", kind="streak"))
-            next_inspected.set()
-            return super().inspect(ready, scan, name=name, **more)
+            misprint = Verdict(page="p", verdict="misprint")
+            if name == "sheet 1" and not next_is_misprint:
+                went_on.set()
+                return super().inspect(ready, scan, name=name, **more)
+            decided(misprint)
+            assert went_on.wait(PATIENCE_S)
+            return SheetResult(verdict=replace(misprint, kind="streak"))
 
-    _, told = run([seen(0), seen(1)], inspector=Slow(), inspectors=1, explainers=1)
-    assert [one.record.verdict.kind for one in told] == ["streak", None]
+    def misprint(outcome: Outcome) -> None:
+        early.append(outcome.record.sheet)
+        if len(early) == 2:
+            went_on.set()
+
+    running, told = watched(
+        [seen(0), seen(1)], inspector=Slow(), inspectors=1, explainers=1, misprint=misprint
+    )
+    running.start()
+    assert running.join(PATIENCE_S)
+    assert [one.record.verdict.kind for one in told] == ["streak", "streak" if next_is_misprint else None]
+    assert early == ([0, 1] if next_is_misprint else [0])
 
 
 def test_an_explanation_that_fails_leaves_the_sheet_uninspected() -> None:

@@ -123,7 +123,7 @@ class Running:
         tell
             Called with every outcome, in the order of the run, by one thread.
         misprint
-            Called by the same thread with the next sheet of the run, if it is a misprint that is still being explained.
+            Called by the same thread, in the same order, with misprints that are still being explained.
         notice
             Called by the same thread with notices that belong to no sheet.
         arrived
@@ -171,7 +171,7 @@ class Running:
             clock=clock,
         )
         self._order = InOrder(past.first_sheet)
-        self._sheets = self._finished = past.first_sheet
+        self._sheets = self._finished = self._first_untold = past.first_sheet
         self._first_due = min(past.due, max(len(page_store) - 1, 0))
         self._noted: list[str] = []
         self._behind = False
@@ -541,8 +541,14 @@ class Running:
                 self._unexplained.pop(done.record.sheet, None)
                 for turn in self._order.put(done):
                     self._finished += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
-            if (known := self._unexplained.pop(self._order.next, None)) is not None:
-                self._finish_one(f"sheet {known.record.sheet}", self._on_misprint, known)
+            self._tell_misprints()
+
+    def _tell_misprints(self) -> None:
+        """Report misprints that are being explained, once each sheet before them was reported or is one of them."""
+        self._first_untold = max(self._first_untold, self._order.next)
+        while (known := self._unexplained.pop(self._first_untold, None)) is not None:
+            self._finish_one(f"sheet {known.record.sheet}", self._on_misprint, known)
+            self._first_untold += 1
 
     def _finish_one(self, name: str, finish: Callable[[Any], None], done: Outcome | Notice) -> bool:
         """Run ``finish`` and return whether it succeeded: a failing observer or disk must not end the inspection."""

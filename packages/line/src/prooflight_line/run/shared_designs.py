@@ -27,6 +27,9 @@ WRITTEN_SHARE: Final = 0.4
 takes up to a sixth of an inspection's time. Assumed: packed designs may take as much (``settings.DESIGNS_SHARE``), and
 inspections need the rest."""
 
+MOST_FILES: Final = 256
+"""Greatest number of designs that are written out: each is an open file of this process, which may have some 1,000."""
+
 
 class SharedDesigns:
     """Files of designs; safe to use from several threads.
@@ -39,7 +42,7 @@ class SharedDesigns:
         """Write out arrays of at most ``room_bytes``; None: by ``WRITTEN_SHARE``, where the system has such memory."""
         if room_bytes is None:
             room_bytes = WRITTEN_SHARE * available_bytes() if hasattr(os, "memfd_create") else 0
-        self._room_bytes = room_bytes
+        self._room_bytes, self._room_files = room_bytes, MOST_FILES
         self._files: weakref.WeakKeyDictionary[PackedDesign, Path] = weakref.WeakKeyDictionary()
         self._releases: list[weakref.finalize[..., PackedDesign]] = []
         self._numbers, self._writing = itertools.count(), threading.Lock()
@@ -64,17 +67,18 @@ class SharedDesigns:
         file, size = folder / f"{next(self._numbers):06d}.design", design.written_bytes
         store = PreparedStore(folder=folder, inspector=inspector)
         # None makes room for another: of designs that come in turn, the one used longest ago is needed next.
-        if 0 < size <= self._room_bytes:
+        if 0 < size <= self._room_bytes and self._room_files:
             memory = os.memfd_create(file.name)
             try:
                 _write(memory, store.encoded(design.written_out()))
             except OSError as error:
                 os.close(memory)
-                self._room_bytes = 0
+                self._room_files = 0
                 _log.warning("designs stay packed: %s", error)
             else:
                 file.symlink_to(f"/proc/{os.getpid()}/fd/{memory}")
                 self._room_bytes -= size
+                self._room_files -= 1
                 self._releases.append(weakref.finalize(design, self._release, file, memory, size))
                 return file
         _write(file, store.encoded(design))
@@ -85,6 +89,7 @@ class SharedDesigns:
         file.unlink(missing_ok=True)
         os.close(memory)
         self._room_bytes += size
+        self._room_files += 1
 
 
 def _write(file: Path | int, pieces: list[bytes | memoryview]) -> None:

@@ -157,6 +157,18 @@ def test_designs_are_shared_written_out_while_there_is_room(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_designs_stay_packed_where_memory_cannot_be_shared(
+    alone: SheetInspector, ready: PackedDesign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.getpid", lambda: 0)  # no process has this number, and so the link leads nowhere
+    shared = SharedDesigns(room_bytes=10 * ready.written_bytes)
+    for one in (ready, replace(ready)):
+        read = read_design(shared.file(one, alone.inspector, tmp_path), alone.inspector)
+        assert read.written_bytes == ready.written_bytes
+    shared.close()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_worker_that_is_killed_costs_one_sheet(
     alone: SheetInspector, ready: PackedDesign, page: Page, cache: Path
 ) -> None:

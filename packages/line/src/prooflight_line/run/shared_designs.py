@@ -71,12 +71,14 @@ class SharedDesigns:
             memory = os.memfd_create(file.name)
             try:
                 _write(memory, store.encoded(design.written_out()))
+                file.symlink_to(f"/proc/{os.getpid()}/fd/{memory}")
+                file.stat()  # it fails where the system does not show open files
             except OSError as error:
                 os.close(memory)
+                file.unlink(missing_ok=True)
                 self._room_files = 0
                 _log.warning("designs stay packed: %s", error)
             else:
-                file.symlink_to(f"/proc/{os.getpid()}/fd/{memory}")
                 self._room_bytes -= size
                 self._room_files -= 1
                 self._releases.append(weakref.finalize(design, self._release, file, memory, size))

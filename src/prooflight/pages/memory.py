@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import stat
 from pathlib import Path
 from typing import Final
@@ -22,13 +23,25 @@ TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
 RETAINED_BYTES: Final = 2**31 - 1
 
 
-def available_bytes() -> float:
-    """Return the memory that is available without swapping; infinite if the system does not report it."""
+def available_bytes(root: Path = Path("/")) -> float:
+    """Return the memory that is available without swapping, to a container what its limit leaves.
+
+    Infinite if the system does not report it. root: of the system's files.
+    """
+    free = left = math.inf
     with contextlib.suppress(OSError):
-        for line in Path("/proc/meminfo").read_text().splitlines():
+        for line in (root / "proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
-                return float(line.split()[1]) * 1024
-    return float("inf")
+                free = float(line.split()[1]) * 1024
+    # Control groups, version 2 (Linux, admin-guide/cgroup-v2): "max" is no limit, and files may be dropped.
+    with contextlib.suppress(OSError, ValueError):
+        limit, used, facts = (
+            (root / "sys/fs/cgroup" / name).read_text()
+            for name in ("memory.max", "memory.current", "memory.stat")
+        )
+        files = dict(line.split() for line in facts.splitlines()).get("inactive_file", 0)
+        left = max(float(limit) - float(used) + float(files), 0.0)
+    return min(free, left)
 
 
 def refuse_oversize(where: object, rows: int, columns: int) -> None:

@@ -235,7 +235,7 @@ def test_inspection_that_does_not_keep_pace_is_said_first_and_ends_with_exit_cod
 ) -> None:
     """Every sheet comes too late, as on a machine that is too slow."""
 
-    def late(self: Running, sheet: Sheet) -> Outcome:
+    def late(self: Running, sheet: Sheet, _on_decision: object) -> Outcome:
         return skipped(sheet.number, sheet.seen, TOO_LATE, name=self._name(sheet.job_page))
 
     monkeypatch.setattr(Running, "_inspect", late)

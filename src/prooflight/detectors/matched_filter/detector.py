@@ -302,10 +302,10 @@ class MatchedFilterPage:
             engine=engine_of(self.detector.press_context.device),
             threads=self._threads,
         )
-        found = analysis.sums, analysis.marks, analysis.fit, analysis.registration, calibrated.model.scatter
+        given = analysis.sums, analysis.marks, analysis.fit, analysis.registration, calibrated.model.scatter
         if screens:
-            return self._evidence_of(analysis, screen_statistics(*found, threads=self._threads))
-        return self._evidence_of(analysis, all_statistics(*found))
+            return self._evidence_of(analysis, screen_statistics(*given, threads=self._threads))
+        return self._evidence_of(analysis, all_statistics(*given))
 
     def _completed(self, evidence: Evidence) -> Evidence:
         """Return the evidence with all statistics, which explain a page that alarms by those of the screen."""

@@ -478,8 +478,8 @@ class Running:
         def decided(verdict: Verdict) -> None:
             nonlocal times
             times = replace(times, decided_s=self._clock())
-            known = self._outcome(sheet, SheetResult(verdict=verdict), None, times)
-            self._done.put(Unexplained(outcome=known))
+            unexplained = self._outcome(sheet, SheetResult(verdict=verdict), None, times)
+            self._done.put(Unexplained(outcome=unexplained))
             on_decision()
 
         try:
@@ -546,8 +546,8 @@ class Running:
     def _tell_misprints(self) -> None:
         """Report misprints that are being explained, once each sheet before them was reported or is one of them."""
         self._first_untold = max(self._first_untold, self._order.next)
-        while (known := self._unexplained.pop(self._first_untold, None)) is not None:
-            self._finish_one(f"sheet {known.record.sheet}", self._on_misprint, known)
+        while (misprint := self._unexplained.pop(self._first_untold, None)) is not None:
+            self._finish_one(f"sheet {misprint.record.sheet}", self._on_misprint, misprint)
             self._first_untold += 1
 
     def _finish_one(self, name: str, finish: Callable[[Any], None], done: Outcome | Notice) -> bool:

@@ -140,11 +140,6 @@ class PackedDesign:
         )
 
     @property
-    def occupied_bytes(self) -> int:
-        """Memory of its arrays that are written out. [bytes]"""
-        return sum(one.array.nbytes for one in self.arrays.values() if isinstance(one, WrittenArray))
-
-    @property
     def written_bytes(self) -> int:
         """Memory that its other arrays will take when they are written out. [bytes]"""
         return sum(

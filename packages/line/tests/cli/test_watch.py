@@ -170,6 +170,11 @@ def test_a_program_hears_at_once_that_the_run_is_prepared_and_then_that_it_inspe
     assert rows.index({"phase": "preparing", "detail": "printing for the drum: 0 of 3"}) < sheets[0]
 
 
+def undecided(verdict: Verdict) -> Outcome:
+    record = PageRecord(sheet=0, job_page=0, verdict=verdict, late=False, first_line=0, time_s=0.0)
+    return Outcome(record=record, evidence=PageEvidence())
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_the_gate_decides_a_sheet_before_it_is_told_and_one_that_it_fails_to_decide_is_held(
     fails: bool,
@@ -179,18 +184,10 @@ def test_the_gate_decides_a_sheet_before_it_is_told_and_one_that_it_fails_to_dec
             raise OSError("the log is full")
         return replace(outcome, record=replace(outcome.record, gate="divert"))
 
-    good = PageRecord(
-        sheet=0,
-        job_page=0,
-        verdict=Verdict(page="p0001", verdict="good"),
-        late=False,
-        first_line=0,
-        time_s=0.0,
-    )
     told: list[Outcome] = []
     tell = DecidedFirst(decide=decide, tell=told.append)
     with pytest.raises(OSError, match="full") if fails else contextlib.nullcontext():
-        tell(Outcome(record=good, evidence=PageEvidence()))
+        tell(undecided(Verdict(page="p0001", verdict="good")))
     [one] = told
     assert (one.record.disposition, one.record.decided_by) == ("hold" if fails else "divert", "gate")
     assert one.record.verdict.verdict == "good"
@@ -203,21 +200,11 @@ def test_the_gate_decides_a_misprint_once_before_it_is_explained() -> None:
         asked.append(outcome.record.verdict.kind)
         return replace(outcome, record=replace(outcome.record, gate="divert"))
 
-    unexplained = Outcome(
-        record=PageRecord(
-            sheet=4,
-            job_page=4,
-            verdict=Verdict(page="p0005", verdict="misprint"),
-            late=False,
-            first_line=0,
-            time_s=0.0,
-        ),
-        evidence=PageEvidence(),
-    )
+    unexplained = undecided(Verdict(page="p0001", verdict="misprint"))
     explained = replace(unexplained.record, verdict=replace(unexplained.record.verdict, kind="streak"))
     told: list[Outcome] = []
     tell = DecidedFirst(decide=decide, tell=told.append)
-    tell.misprint(unexplained)
+    tell.early(unexplained)
     assert told == []
     tell(replace(unexplained, record=explained))
     [one] = told

@@ -20,10 +20,10 @@ class DecidedFirst:
     tell: Callable[[Outcome], None]
     """Function to which the decided outcomes are reported."""
     _decided: dict[int, Disposition | None] = field(default_factory=dict)
-    """Decisions on misprints that are not reported yet, by the number of the sheet."""
+    """Decisions on sheets that are not reported yet, by their numbers; held if the gate failed to decide."""
 
-    def misprint(self, outcome: Outcome) -> None:
-        """Let the gate decide the next sheet, a misprint that is still being explained; nothing is reported."""
+    def early(self, outcome: Outcome) -> None:
+        """Let the gate decide the next sheet before it is reported, as a misprint that is still being explained."""
         if self.decide is not None:
             sheet = outcome.record.sheet
             self._decided[sheet] = "hold"
@@ -31,19 +31,13 @@ class DecidedFirst:
 
     def __call__(self, outcome: Outcome) -> None:
         """Report an outcome, decided; a sheet that the gate fails to decide is reported as held."""
+        sheet = outcome.record.sheet
         if self.decide is None:
             self.tell(outcome)
             return
-        sheet = outcome.record.sheet
-        if sheet in self._decided:
-            self.tell(_with_gate(outcome, self._decided.pop(sheet)))
-            return
-        decided = _with_gate(outcome, "hold")
         try:
-            decided = self.decide(outcome)
+            if sheet not in self._decided:
+                self.early(outcome)
         finally:
-            self.tell(decided)
-
-
-def _with_gate(outcome: Outcome, gate: Disposition | None) -> Outcome:
-    return replace(outcome, record=replace(outcome.record, gate=gate))
+            record = replace(outcome.record, gate=self._decided.pop(sheet))
+            self.tell(replace(outcome, record=record))

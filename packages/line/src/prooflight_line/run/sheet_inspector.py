@@ -103,7 +103,7 @@ class SheetWorkers(Protocol):
         ...
 
     def load(self, inspector: SheetInspector, ready: PackedDesign) -> None:
-        """Let one of them read a design before its first sheet."""
+        """Let every one of them read a design before its first sheet."""
         ...
 
     def close(self) -> None:

@@ -162,7 +162,7 @@ def _ready(
         false_alarms=planned.options.false_alarms,
         recorded=recorded,
         tell=decided_first,
-        misprint=decided_first.misprint,
+        misprint=decided_first.early,
         notice=_each(console.noticed, served.noticed),
         arrived=served.arrived,
         name=page_store.name,

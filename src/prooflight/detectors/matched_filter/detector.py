@@ -308,7 +308,7 @@ class MatchedFilterPage:
         return self._evidence_of(analysis, all_statistics(*given))
 
     def _completed(self, evidence: Evidence) -> Evidence:
-        """Return the evidence with all statistics, which explain a page that alarms by those of the screen, or is another."""
+        """Return the evidence with all statistics, which explain a page that alarms by the screen, or is another."""
         calibrated, model = self.detector.calibrated, self.model
         if not self._screens or (evidence.score <= calibrated.threshold and not evidence.another):
             return evidence

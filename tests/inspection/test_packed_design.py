@@ -22,14 +22,13 @@ if TYPE_CHECKING:
     st.integers(0, 2**32 - 1),
     st.sampled_from([(7, 9, 4), (3, 5, 600), (1, 1, 4), (4, 3)]),
     st.sampled_from([np.uint8, np.uint16, np.float32]),
-    st.integers(1, 3),
 )
-def test_arrays_come_back_as_they_were(seed: int, shape: tuple[int, ...], dtype: type, threads: int) -> None:
+def test_arrays_come_back_as_they_were(seed: int, shape: tuple[int, ...], dtype: type) -> None:
     rng = np.random.default_rng(seed)
     array = (rng.random(shape) < rng.random()).astype(dtype) * rng.integers(0, 255, shape).astype(dtype)
     array[1:2] = array[:1]
     packed = PackedArray.of(array)
-    np.testing.assert_array_equal(packed.written(threads=threads), array)
+    np.testing.assert_array_equal(packed.written(), array)
     assert packed.written().dtype == dtype
 
 
@@ -41,11 +40,22 @@ def test_flat_rows_take_little_room_and_noise_no_more_than_itself() -> None:
     assert PackedArray.of(noise.astype(np.uint32)).nbytes - places == 4 * noise.size
 
 
+def test_a_row_takes_room_only_where_it_differs_from_the_row_above() -> None:
+    picture = np.random.default_rng(2).integers(0, 2**32, 200).astype(np.uint32)
+    rows = np.repeat(picture[None], 100, axis=0)
+    rows[1:, 50:53] = np.arange(297).reshape(99, 3)
+    packed = PackedArray.of(rows)
+    np.testing.assert_array_equal(packed.written(), rows)
+    # The first row as it is; of each other, three cells, and marks and lengths of three pieces.
+    assert packed.nbytes - 16 * len(rows) == 4 * 200 + 99 * (4 * 3 + 6)
+
+
+@pytest.mark.parametrize("mark", [0, 255])
 @pytest.mark.parametrize("part", ["values", "lengths", "value_at", "length_at"])
-def test_runs_that_do_not_fill_their_array_are_refused(part: str) -> None:
+def test_runs_that_do_not_fill_their_array_are_refused(part: str, mark: int) -> None:
     array = np.repeat(np.arange(40, dtype=np.uint32), 25).reshape(10, 100)
     packed = PackedArray.of(array)
-    spoilt = {"values": np.zeros(2, np.uint32), "lengths": np.zeros(40, np.uint8)}
+    spoilt = {"values": np.zeros(2, np.uint32), "lengths": np.full(40, mark, np.uint8)}
     spoilt |= {"value_at": np.full(10, 39), "length_at": np.full(10, 400)}
     runs = packed.runs._replace(**{part: spoilt[part]})
     with pytest.raises(ValueError, match="ends before its rows do"):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -17,15 +16,13 @@ from numpy.typing import NDArray
 from prooflight.cmyk import INKS
 from prooflight.detectors.optional import PacksArrays
 from prooflight.kernels.memory import unset
-from prooflight.kernels.run_lengths import Runs, count_runs, keep_runs, write_runs
-from prooflight.pages.parallel import parts_of, shared_out
+from prooflight.kernels.run_lengths import Runs, keep_runs, mark_pieces, write_runs
+from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:
     from prooflight.inspection.inspector import Prepared
 
 CELL_BYTES: Final = 4
-RUN_BYTES: Final = 5
-"""Room of one run: a cell and its length."""
 RASTER: Final = "raster"
 
 
@@ -41,19 +38,21 @@ class PackedArray:
     def of(cls, array: NDArray[Any]) -> Self:
         """Pack an array (rows..., columns) or, of pixels of four bytes, (rows, columns, 4)."""
         cells = _cells(np.ascontiguousarray(array))
-        counts = np.empty(len(cells), np.int64)
-        count_runs(cells, counts)
-        whole = counts * RUN_BYTES > cells.shape[1] * CELL_BYTES
-        sizes, lengths = np.where(whole, cells.shape[1], counts), np.where(whole, 0, counts)
+        room = np.empty((len(cells), 2), np.int64)
+        marks = unset((len(cells), -(-cells.shape[1] // CELL_BYTES))).view(np.uint8)
+        mark_pieces(cells, room, marks)
+        sizes, lengths = room.T
+        whole = sizes * CELL_BYTES + lengths > cells.shape[1] * CELL_BYTES
+        sizes, lengths = np.where(whole, cells.shape[1], sizes), np.where(whole, 0, lengths)
         # A row that equals the one above begins where that one does.
-        begins = np.maximum.accumulate(np.where(counts > 0, np.arange(len(cells)), 0))
+        begins = np.maximum.accumulate(np.where(sizes > 0, np.arange(len(cells)), 0))
         runs = Runs(
             value_at=(np.cumsum(sizes) - sizes)[begins],
             length_at=np.where(whole, -1, np.cumsum(lengths) - lengths)[begins],
             values=np.empty(sizes.sum(), np.uint32),
             lengths=np.empty(lengths.sum(), np.uint8),
         )
-        keep_runs(cells, runs)
+        keep_runs(cells, marks, runs)
         return cls(shape=array.shape, dtype=array.dtype.str, runs=runs)
 
     @property
@@ -61,15 +60,13 @@ class PackedArray:
         """Memory that it takes. [bytes]"""
         return sum(one.nbytes for one in self.runs)
 
-    def written(self, *, threads: int = 1) -> NDArray[Any]:
+    def written(self) -> NDArray[Any]:
         """Return the array; ValueError: its runs do not fill it."""
         rows, row_bytes = _rows_of(self.shape, np.dtype(self.dtype))
         out = unset((rows, -(-row_bytes // CELL_BYTES))).view(np.uint32)
         if len(self.runs.value_at) != rows:
             raise ValueError("a packed array has another number of rows than its shape")
-        parts = parts_of(rows, threads)
-        tasks = [partial(write_runs, self.runs, first, last, out) for first, last in parts]
-        if not all(shared_out(tasks, threads=threads)):
+        if not write_runs(self.runs, out):
             raise ValueError("a packed array ends before its rows do")
         if row_bytes % CELL_BYTES:
             return (
@@ -84,7 +81,7 @@ class WrittenArray:
 
     array: NDArray[Any]
 
-    def written(self, *, threads: int = 1) -> NDArray[Any]:
+    def written(self) -> NDArray[Any]:
         """See ``PackedArray``."""
         return self.array
 
@@ -158,7 +155,8 @@ class PackedDesign:
         page = self.bare.prepared_page
         if not self.arrays or not isinstance(page, PacksArrays):
             return self.bare
-        there = {name: one.written(threads=threads) for name, one in self.arrays.items()}
+        written = shared_out([one.written for one in self.arrays.values()], threads=threads)
+        there = dict(zip(self.arrays, written, strict=True))
         raster = replace(self.bare.page, cmyk=there.pop(RASTER))
         return replace(self.bare, page=raster, prepared_page=page.with_arrays(raster, there))
 

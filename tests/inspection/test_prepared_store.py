@@ -79,7 +79,7 @@ def test_a_recorded_scan_is_inspected_by_what_is_stored(
     monkeypatch.setattr("prooflight.inspection.job.read_scan", lambda *_: scan)
     monkeypatch.setattr(Inspector, "prepare", lambda *_: pytest.fail("the page was prepared again"))
     work = InspectPage(job=None, inspector=store.inspector, stored=store)  # type: ignore[arg-type]
-    found = work.inspection(work.page(page.number), None)  # type: ignore[arg-type]
+    found = work.inspection(work.design(page.number), None)  # type: ignore[arg-type]
     assert replace(found.verdict, milliseconds=0) == replace(fresh.verdict, milliseconds=0)
 
 

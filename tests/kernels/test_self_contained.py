@@ -96,6 +96,18 @@ def test_a_change_in_a_file_of_what_a_kernel_calls_compiles_it_again(tmp_path: P
     assert printed(script) == ["30", "0"]
 
 
+@pytest.mark.slow
+def test_a_new_kernel_calls_one_that_is_stored(tmp_path: Path) -> None:
+    """The bitcode of the stored one is needed only now; it runs by itself too, as machine code that was loaded."""
+    stored, script = tmp_path / "inner.py", tmp_path / "outer.py"
+    stored.write_text(INNER.replace("inner_kernel()", 'kernel("x")').replace("inner_kernel", "kernel"))
+    script.write_text(OUTER)
+    assert printed(script) == ["20", "0"]
+    script.write_text(OUTER.replace("10 *", "100 *").replace("outer(1),", "inner(1), outer(1),"))
+    assert printed(script) == ["2", "200", "0"]
+    assert printed(script) == ["2", "200", "1"]
+
+
 @inner_kernel()
 def quotient(a, b):
     return a / b

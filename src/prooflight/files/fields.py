@@ -8,8 +8,11 @@ from pydantic import ConfigDict, Field
 
 LEAST, GREATEST = 1e-9, 1e12
 """Nothing about a press is smaller or larger, in any of our units; so products of several stay finite."""
-NO_OTHER_FIELDS: Final = ConfigDict(extra="forbid", frozen=True)
-"""Configuration of a block, or of a dataclass that is one: fields that it does not have are refused."""
+NO_OTHER_FIELDS: Final = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+"""Configuration of a block, or of a dataclass that is one: fields that it does not have are refused.
+
+Its checks are built where it is read first, since a command reads few kinds of blocks.
+"""
 
 Positive = Annotated[float, Field(strict=True, ge=LEAST, le=GREATEST)]
 NotNegative = Annotated[float, Field(strict=True, ge=0, le=GREATEST)]

@@ -43,7 +43,7 @@ class Misfit(ValueError):
 class Block(BaseModel):
     """A part of a document with known fields only, none of them converted by reading."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
 Document = TypeVar("Document", bound=Block)

@@ -42,6 +42,11 @@ class Prepared:
     """Bar codes and matrix codes that its scans must show."""
 
 
+def raster_of(page: Page | Prepared) -> Page:
+    """Return the page itself, prepared or not."""
+    return page.page if isinstance(page, Prepared) else page
+
+
 @dataclass(frozen=True, slots=True, init=False)
 class Inspector:
     """Press with a detector; small and picklable."""

@@ -16,6 +16,7 @@ from prooflight.detectors.optional import LearnsPages, ScannedPage
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, RequestError, ScanError
 from prooflight.inspection.guarantee import Judged, summary_of
+from prooflight.inspection.inspector import raster_of
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.job import Job, JobSource, opened
 from prooflight.pages.parallel import KILLED, Files
@@ -180,9 +181,9 @@ class InspectPage:
         number, scan = pair
         if scan is None:
             return Judged(scan_missing(self.name(pair), self.scans))
-        page = self.page(number)
-        inspection = self.inspection(page, scan)
-        return Judged(inspection.verdict, summary_of(inspection), page.warnings)
+        design = self.design(number)
+        inspection = self.inspection(design, scan)
+        return Judged(inspection.verdict, summary_of(inspection), raster_of(design).warnings)
 
     @property
     def files(self) -> Files[Pair]:
@@ -193,17 +194,14 @@ class InspectPage:
         """Return the name of a page, whether it has a scan or not."""
         return self.job.page_name(pair[0])
 
-    def page(self, number: int) -> Page:
-        """Return the job's page as it lies in the press."""
+    def design(self, number: int) -> Page | Prepared:
+        """Return a page as it was prepared; if it was not, as it lies in the press."""
         before = None if self.stored is None else self.stored.prepared(number)
-        if before is not None:
-            return before.page
-        return self.inspector.press.geometry.lay(opened(self.job).page(number))
+        return before or self.inspector.press.geometry.lay(opened(self.job).page(number))
 
-    def inspection(self, page: Page, scan: RecordedScan) -> Inspection:
-        """Return the verdict on one page, as ``page`` gives it, with its evidence and the data for pictures."""
-        before = None if self.stored is None else self.stored.prepared(page.number)
-        return self.inspector.inspect(before or page, read_scan(scan, page, self.inspector.press))
+    def inspection(self, design: Page | Prepared, scan: RecordedScan) -> Inspection:
+        """Return the verdict on one page, as ``design`` gives it, with its evidence and the data for pictures."""
+        return self.inspector.inspect(design, read_scan(scan, raster_of(design), self.inspector.press))
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +216,7 @@ class ScanPage:
         ScanError: it was made under other light than the press knows. RequestError: the detector learns from no page.
         """
         number, scan = scanned
-        page, inspector = self.work.page(number), for_learning(self.work.inspector)
+        page, inspector = raster_of(self.work.design(number)), for_learning(self.work.inspector)
         read = read_scan(scan, page, inspector.press)
         inspection = inspector.inspect(page, read)
         if inspection.verdict.score is None or inspection.variation is None:

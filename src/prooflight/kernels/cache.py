@@ -16,6 +16,7 @@ count as well (``source_digest``): otherwise two folders with the same source co
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import logging
 import os
@@ -24,6 +25,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from inspect import unwrap
 from pathlib import Path
@@ -34,6 +36,9 @@ import numpy as np
 from numba import config
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.runtime import rtsys
+
+from prooflight.kernels.self_contained import StoredKernel
 
 if sys.platform != "win32":
     import fcntl
@@ -96,11 +101,14 @@ PATIENCE_S: Final = 120.0
 compiles for longer has been halted."""
 POLL_S: Final = 0.02
 """Interval of checks whether the other process is done: a twentieth of what a kernel takes."""
+COMPILED_OBJECTS: Final = 50_000
+"""Objects made between two collections of garbage while kernels compile: with Python's 700, a tenth of that time."""
 
 
 class KernelCache(FunctionCache):
     """Numba's cache of one kernel; an overload that it cannot read or write is compiled again."""
 
+    _impl_class = StoredKernel
     turn: int | None = None
     """Open file whose lock lets this process compile; None if it has no lock."""
 
@@ -140,14 +148,18 @@ class KernelCache(FunctionCache):
             _log.debug("%s: nothing can be locked here (%s)", self.cache_path, error)
 
     def _read(self, sig: Any, target_context: Any) -> Any:
+        overload = None
         try:
-            return super().load_overload(sig, target_context)
+            # Numba's own method loads all that it compiles with first, which takes as long as ten kernels do.
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                overload = self._load_overload(sig, target_context)
         except Exception as error:  # pickle raises whatever the bytes make it raise
             _log.warning(
                 "%s: a compiled kernel is damaged (%s); it is compiled again", self.cache_path, error
             )
             self._forget()
-            return None
+        return overload
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a kernel for the next run, if possible."""
@@ -174,13 +186,25 @@ def keep(compiled: Any, function: Callable[..., Any]) -> None:
     cache, compiles = cache_of(function), compiled.compile
 
     def compiles_in_turn(signature: Any) -> Any:
-        with global_compiler_lock:  # the lock is the process's: its threads must not release each other's
+        # The lock is the process's: its threads must not release each other's.
+        with global_compiler_lock, _few_collections():
             try:
                 return compiles(signature)
             finally:
                 cache.end_turn()
 
     compiled._cache, compiled.compile = cache, compiles_in_turn  # noqa: SLF001 - numba has no other way in
+
+
+@contextmanager
+def _few_collections() -> Iterator[None]:
+    """Collect cyclic garbage seldom: the compiler makes many objects, most of which last as long as it works."""
+    usual = gc.get_threshold()
+    gc.set_threshold(max(usual[0], COMPILED_OBJECTS), *usual[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
 
 
 def cache_of(function: Callable[..., Any]) -> KernelCache:

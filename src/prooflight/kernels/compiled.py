@@ -21,7 +21,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, update_wrapper
+from functools import cached_property, lru_cache, update_wrapper
 from inspect import signature
 from types import CodeType
 from typing import Any, Final, Self
@@ -50,9 +50,7 @@ def inner_kernel(**options: Any) -> Callable[[Function], InnerKernel]:
     """Compile a loop that only compiled loops call; options: numba's."""
 
     def decorate(function: Function) -> InnerKernel:
-        return InnerKernel(
-            _compiled(function, InnerCompiler, options | {"no_cpython_wrapper": True}), function
-        )
+        return InnerKernel(function, InnerCompiler, options | {"no_cpython_wrapper": True})
 
     return decorate
 
@@ -61,16 +59,9 @@ def kernel(shapes: str, *, where: str = "", **options: Any) -> Callable[[Functio
     """Compile a loop that Python calls, with the shapes that it takes; where: see above; options: numba's."""
 
     def decorate(function: Function) -> Kernel:
-        compiled = _compiled(function, SelfContainedCompiler, options)
-        return Kernel(compiled, function, Contract.of(function, shapes, where))
+        return Kernel(function, SelfContainedCompiler, options, contract=Contract.of(function, shapes, where))
 
     return decorate
-
-
-def _compiled(function: Function, compiler: type[SelfContainedCompiler], options: dict[str, Any]) -> Function:
-    compiled: Function = njit(nogil=True, pipeline_class=compiler, **OPTIONS | options)(function)
-    keep(compiled, function)
-    return compiled
 
 
 class InnerKernel:
@@ -79,9 +70,19 @@ class InnerKernel:
     It is compiled without an entry for Python, which costs a tenth of the time of compiling.
     """
 
-    def __init__(self, compiled: Function, function: Function) -> None:
+    def __init__(
+        self, function: Function, compiler: type[SelfContainedCompiler], options: dict[str, Any]
+    ) -> None:
         update_wrapper(self, function)
-        self.compiled, self.py_func = compiled, function
+        self.py_func, self._compiler, self._options = function, compiler, options
+
+    @cached_property
+    def compiled(self) -> Function:
+        """Numba's form of the loop, made where it is used first: most loops are part of stored kernels."""
+        options = OPTIONS | self._options
+        compiled: Function = njit(nogil=True, pipeline_class=self._compiler, **options)(self.py_func)
+        keep(compiled, self.py_func)
+        return compiled
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Refuse a call by Python; run the loop's source where numba is switched off."""
@@ -101,8 +102,15 @@ class InnerKernel:
 class Kernel(InnerKernel):
     """A compiled loop that checks its contract; other compiled loops call it without the check."""
 
-    def __init__(self, compiled: Function, function: Function, contract: Contract) -> None:
-        super().__init__(compiled, function)
+    def __init__(
+        self,
+        function: Function,
+        compiler: type[SelfContainedCompiler],
+        options: dict[str, Any],
+        *,
+        contract: Contract,
+    ) -> None:
+        super().__init__(function, compiler, options)
         self.contract = contract
         self._seen = contract.reader()
         self._fits = lru_cache(maxsize=CACHED_CALLS)(contract.check)

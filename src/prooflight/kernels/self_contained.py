@@ -21,8 +21,9 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
-from llvmlite.binding import Linkage, parse_assembly  # type: ignore[import-untyped]
+from llvmlite.binding import Linkage, parse_assembly, parse_bitcode  # type: ignore[import-untyped]
 from numba import _dynfunc
+from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
@@ -67,6 +68,51 @@ class InnerLibrary(JITCodeLibrary):
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
         """Return what the cache stores, which is bitcode here."""
         return self.name, "bitcode", self._get_module_for_linking().as_bitcode()
+
+
+class StoredLibrary(JITCodeLibrary):
+    """Machine code of one kernel from the cache.
+
+    The bitcode that is stored with it takes as long to parse as machine code takes to load, ten times over with the
+    names of its symbols, and is needed only where a kernel that calls this one is compiled.
+    """
+
+    _shared_module: Any
+    _bitcode = b""
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: tuple[str, str, Any]) -> JITCodeLibrary:
+        name, kind, data = state
+        if kind != "object":
+            library: JITCodeLibrary = super()._unserialize(codegen, state)
+            return library
+        self = cls(codegen, name)
+        machine_code, self._bitcode = data
+        self.enable_object_caching()
+        self._set_compiled_object(machine_code)
+        self._finalize_final_module()
+        return self
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None and self._bitcode:
+            self._shared_module = parse_bitcode(self._bitcode)
+        return super()._get_module_for_linking()
+
+
+class StoredKernel(CompileResultCacheImpl):
+    """Numba's form of a kernel in the cache, loaded as a ``StoredLibrary``."""
+
+    def rebuild(self, target_context: Any, payload: tuple[Any, ...]) -> Any:
+        """Return a kernel as numba needs it; only one thread of a process does so at a time."""
+        codegen, (library, described, *_) = target_context.codegen(), payload
+        if library[1] == "object":
+            # Numba asks the engine for no symbol that it has not been told of: an unknown one ends the process.
+            codegen._engine._defined_symbols.add(described.llvm_cpython_wrapper_name)  # noqa: SLF001
+        usual, codegen._library_class = codegen._library_class, StoredLibrary  # noqa: SLF001
+        try:
+            return super().rebuild(target_context, payload)
+        finally:
+            codegen._library_class = usual  # noqa: SLF001
 
 
 class SelfContainedCompiler(Compiler):

@@ -16,6 +16,7 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.guarantee import summary_of
+from prooflight.inspection.inspector import raster_of
 from prooflight.inspection.job import UNUSABLE, InspectPage, Pair, lacks_scan, scan_missing, unusable
 from prooflight.inspection.sheets import Counts as SheetCounts
 from prooflight.inspection.sheets import SetVerdict, SheetVerdict
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.pages.raster import Page
     from prooflight.pages.warnings import PageWarning
     from prooflight.press.artefact import Press
@@ -205,10 +206,10 @@ class PicturedPage:
         """Inspect one page and make its entry, also without a scan, or with one that cannot be used."""
         number, scan = pair
         try:
-            page = self.work.page(number)
-            result = self._result(page, scan)
+            design = self.work.design(number)
+            result = self._result(design, scan)
             summary = summary_of(result) if isinstance(result, Inspection) else None
-            return replace(page_entry(page, result, self.work.inspector.press), summary=summary)
+            return replace(page_entry(raster_of(design), result, self.work.inspector.press), summary=summary)
         except UNUSABLE as error:
             return unpictured_entry(number, unusable(self.work.name(pair), error))
 
@@ -216,12 +217,12 @@ class PicturedPage:
         """Return the entry of a page whose inspection the system ended."""
         return unpictured_entry(pair[0], Verdict.skipped(self.work.name(pair), KILLED))
 
-    def _result(self, page: Page, scan: RecordedScan | None) -> Inspection | Verdict:
-        name = page.name
+    def _result(self, design: Page | Prepared, scan: RecordedScan | None) -> Inspection | Verdict:
+        name = raster_of(design).name
         if scan is None:
             return scan_missing(name, self.work.scans)
         try:
-            return self.work.inspection(page, scan)
+            return self.work.inspection(design, scan)
         except UNUSABLE as error:
             return unusable(name, error)
 

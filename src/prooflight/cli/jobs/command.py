@@ -441,6 +441,7 @@ def _reported(
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
+    from prooflight.inspection.inspector import raster_of
     from prooflight.inspection.job import UNUSABLE
     from prooflight.pages.check import warning_text
     from prooflight.pages.parallel import in_order
@@ -471,7 +472,7 @@ def _reported(
     sheets = () if comparison.plan is None else imposition.of_job(comparison.plan, done.verdicts)
     visible = None
     with suppress(*UNUSABLE):  # its entry says why the page cannot be used
-        visible = VisibleOnPage.of(work.inspector, work.page(1))
+        visible = VisibleOnPage.of(work.inspector, raster_of(work.design(1)))
     write_report(report / "report.html", done.items, summary, visible=visible, sheets=sheets)
     return done
 

@@ -13,6 +13,7 @@ from prooflight.detectors.base import Inspection, PlannedPage
 from prooflight.detectors.golden.chain import DrawnDetector, bare_light, light_of, to_numbers
 from prooflight.detectors.golden.differences import place_of
 from prooflight.errors import ScanError
+from prooflight.inspection.inspector import raster_of
 from prooflight.inspection.job import InspectPage, Pair
 from prooflight.inspection.scanner.finding import PlacedScan
 from prooflight.inspection.scanner.fits import MOST_SHEETS, SheetEdges, chains_of, sheet_edges, toned_lines
@@ -26,6 +27,7 @@ from prooflight.scans.scan import Scan
 from prooflight.scans.scanner.reading import ScannerSettings
 
 if TYPE_CHECKING:
+    from prooflight.inspection.inspector import Prepared
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zones_file import JobZones
     from prooflight.press.artefact import Press
@@ -40,12 +42,12 @@ class InspectScannedPage(InspectPage):
 
     settings: ScannerSettings = field(default_factory=ScannerSettings)
 
-    def inspection(self, page: Page, scan: RecordedScan) -> Inspection:
+    def inspection(self, design: Page | Prepared, scan: RecordedScan) -> Inspection:
         """Return the verdict on a page; ScanError: it could not be placed, or too little of it was scanned."""
         assert isinstance(scan, PlacedScan)
         drawn_way = isinstance(self.inspector.detector, DrawnDetector)
         _refuse_unplaced(scan, roughly=drawn_way)
-        planned = self.inspector.planned(page)
+        planned = self.inspector.planned(raster_of(design))
         lines, _ = scan_on_page(scan, planned, self.inspector.press, self.settings, by_type=not drawn_way)
         prepared = self.inspector.prepare(planned)
         return self.inspector.inspect(prepared, Scan(dn=lines, name=scan.scan.name))

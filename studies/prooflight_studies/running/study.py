@@ -172,8 +172,10 @@ class Study:
             pages_per_s=rate,
             prepared=prepared,
         )
+        folder = self.cache / "running"
+        folder.mkdir(parents=True, exist_ok=True)
         return started.rows(
-            self.cache / "running",
+            folder,
             sheets=min(self.plan.live_sheets, most),
             trial_s=self.plan.trial_s,
             seed=self.seed,

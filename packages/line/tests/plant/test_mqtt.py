@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import ssl
 import subprocess
@@ -225,6 +226,7 @@ def test_tls_and_a_password_are_asked_for(tmp_path: Path, certificates: Path) ->
         stranger = check(replace(good, tls=ssl.create_default_context()))
         assert not stranger.ok
         assert "certificate" in stranger.answer.lower()
+        gc.collect()  # here the warning is expected; any later test would fail by it
         consumer = listening(server.port, username="press", password="ink", tls_context=trusted)
         with consumer as heard, Outlets([good]) as outlets:
             outlets.put(event(1))

@@ -150,7 +150,7 @@ class KernelCache(FunctionCache):
     def _read(self, sig: Any, target_context: Any) -> Any:
         overload = None
         try:
-            # Numba's own method loads all that it compiles with first, which takes as long as ten kernels do.
+            # Numba's own method first loads all that it compiles with, which takes as long as loading ten kernels.
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
                 overload = self._load_overload(sig, target_context)

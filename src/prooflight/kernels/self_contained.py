@@ -73,8 +73,8 @@ class InnerLibrary(JITCodeLibrary):
 class StoredLibrary(JITCodeLibrary):
     """Machine code of one kernel from the cache.
 
-    The bitcode that is stored with it takes as long to parse as machine code takes to load, ten times over with the
-    names of its symbols, and is needed only where a kernel that calls this one is compiled.
+    The bitcode that is stored with it is parsed only where a kernel that calls this one is compiled: parsing it takes
+    as long as loading the machine code, and listing its symbols, as numba does, several times as long.
     """
 
     _shared_module: Any
@@ -106,7 +106,7 @@ class StoredKernel(CompileResultCacheImpl):
         """Return a kernel as numba needs it; only one thread of a process does so at a time."""
         codegen, (library, described, *_) = target_context.codegen(), payload
         if library[1] == "object":
-            # Numba asks the engine for no symbol that it has not been told of: an unknown one ends the process.
+            # Numba asks the engine only for symbols of this set, since an unknown one would end the process.
             codegen._engine._defined_symbols.add(described.llvm_cpython_wrapper_name)  # noqa: SLF001
         usual, codegen._library_class = codegen._library_class, StoredLibrary  # noqa: SLF001
         try:

@@ -20,6 +20,7 @@ from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
 from prooflight_line.run.pager import SLIP_MM, Pager, TriggerCount
+from prooflight_line.run.sheets.fitting import is_blank
 from prooflight_line.run.sheets.following import Following
 from prooflight_line.run.sheets.records import MissingPage, SeenPage
 from prooflight_line.run.sheets.store import LineStore
@@ -771,3 +772,16 @@ def test_lines_that_came_too_late_are_lost_once_and_said_twice(job: Job) -> None
         ("extra-lines", "it came too late"),
     ]
     assert [end - first for first, end, _ in sheet.unseen] == [64]
+
+
+def test_ink_across_a_page_is_no_backing_between_bare_parts() -> None:
+    """Ink a little darker than paper, without detail, as one sensor sees a solid orange: the sheet is not blank."""
+    rows = np.arange(176)[:, None]
+    paper = np.full((176, 124), 0.7, np.float32)
+    band = (paper - 0.15 * np.exp(-(((rows - 88) / 30) ** 2))).astype(np.float32)
+    small = np.full_like(paper, 0.05)
+    small[20:150, 10:100] = 0.7
+    whole = (0, 176, 0, 124)
+    assert is_blank(paper, whole)
+    assert is_blank(small, whole)
+    assert not is_blank(band, whole)

@@ -95,6 +95,10 @@ def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, l
     )
 
 
+WHOLE: Final = 0.9
+"""Share of the lines between the first and the last of a blank sheet that are bare paper. Assumed: dirt hides few."""
+
+
 def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool:
     """Return whether nothing is printed on light (rows, columns) inside a box, or on a smaller sheet within it."""
     inner = light[box[0] : box[1], box[2] : box[3]]
@@ -104,6 +108,9 @@ def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool
         for axis in (1, 0)
     )
     if min(rows.size, columns.size) < SURROUND:
+        return False
+    # A sheet is paper throughout: print on a page whose other half is bare is no backing beside a smaller sheet.
+    if any(some.size < WHOLE * (some[-1] - some[0] + 1) for some in (rows, columns)):
         return False
     edge = min(SURROUND // 2 + 1, rows.size // 4, columns.size // 4)
     top, left = rows[0] + edge, columns[0] + edge

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import subprocess
@@ -9,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from prooflight.kernels.cache import few_collections
 
 KERNEL = """
 from numba import njit
@@ -173,3 +176,18 @@ def test_who_fails_to_compile_lets_others(tmp_path: Path) -> None:
         assert errs.poll() is None
         errs.communicate("")
     assert said.split()[0] == "7"
+
+
+def test_a_threshold_of_collections_that_changes_while_a_kernel_compiles_stays() -> None:
+    """A command's first collection, which was put off, may come then."""
+    usual = gc.get_threshold()
+    try:
+        with few_collections(), few_collections():
+            assert gc.get_threshold()[0] > usual[0]
+        assert gc.get_threshold() == usual
+        gc.set_threshold(300_000, 10, 10)
+        with few_collections():
+            gc.set_threshold(700, 10, 10)
+        assert gc.get_threshold() == (700, 10, 10)
+    finally:
+        gc.set_threshold(*usual)

@@ -105,7 +105,7 @@ class Inspector:
 
     @property
     def engine(self) -> str:
-        """What computes the images of scans, as journals record it: cpu, or gpu with the card's name and its driver."""
+        """Engine that computes images of scans, as journals record it: cpu, or gpu with the card's name and driver."""
         return engine_name(self.detector.press_context.device)
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:

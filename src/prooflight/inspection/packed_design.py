@@ -109,7 +109,7 @@ class PackedDesign:
     """The design without the arrays that are packed."""
     arrays: Mapping[str, PackedArray | WrittenArray] = field(default_factory=dict)
     additional: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """What its user keeps with it, by name."""
+    """Arrays that its user keeps with it, by name."""
     origin: PackedDesign | None = None
     """Design as it was prepared, of which this one is an adaptation to other light; None: it is as prepared."""
 

@@ -187,7 +187,7 @@ def keep(compiled: Any, function: Callable[..., Any]) -> None:
 
     def compiles_in_turn(signature: Any) -> Any:
         # The lock is the process's: its threads must not release each other's.
-        with global_compiler_lock, _few_collections():
+        with global_compiler_lock, few_collections():
             try:
                 return compiles(signature)
             finally:
@@ -197,14 +197,18 @@ def keep(compiled: Any, function: Callable[..., Any]) -> None:
 
 
 @contextmanager
-def _few_collections() -> Iterator[None]:
+def few_collections() -> Iterator[None]:
     """Collect cyclic garbage seldom: the compiler makes many objects, most of which last as long as it works."""
     usual = gc.get_threshold()
-    gc.set_threshold(max(usual[0], COMPILED_OBJECTS), *usual[1:])
+    seldom = (max(usual[0], COMPILED_OBJECTS), *usual[1:])
+    gc.set_threshold(*seldom)
     try:
         yield
     finally:
-        gc.set_threshold(*usual)
+        if (
+            gc.get_threshold() == seldom
+        ):  # else the first collection of a command has ended its own delay meanwhile
+            gc.set_threshold(*usual)
 
 
 def cache_of(function: Callable[..., Any]) -> KernelCache:

@@ -129,8 +129,7 @@ def keep_runs(cells, marks, stored):  # type: ignore[no-untyped-def]
             stored.lengths[lengths_at] = mark
             stored.lengths[lengths_at + bytes_of_piece - 1] = length
             values = room_of(mark, length)[0]
-            for i in range(values):
-                stored.values[at + i] = here[x + i]
+            copy_row(here[x : x + values], stored.values[at : at + values])
             x += length
             at += values
             lengths_at += bytes_of_piece

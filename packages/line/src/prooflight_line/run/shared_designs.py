@@ -30,6 +30,7 @@ inspections need the rest."""
 
 MADV_POPULATE_READ: Final = 22
 """Advice of madvise(2), which Python does not name, to map all pages of memory now: linux/mman.h, since Linux 5.14."""
+
 MOST_FILES: Final = 256
 """Greatest number of designs that are written out: each is an open file of this process, which may have some 1,000."""
 

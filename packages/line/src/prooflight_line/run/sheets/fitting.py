@@ -31,6 +31,8 @@ BLANK: Final = 0.006
 """Detail of a page without print, rms: the paper's cloudiness gives 0.002, a line of type 0.015. [white]"""
 PAPER: Final = 0.6
 """Reflectance relative to white above which most of a line of bare paper lies. [white]"""
+WHOLE: Final = 0.9
+"""Share of the lines between the first and the last of a blank sheet that are bare paper. Assumed: dirt hides few."""
 FLOOR, BLUR, INK = 0.01, 0.25, 0.05
 """Deviations of a good print's thumbnail: in white; in thumbnail pixels of displacement; as a share of
 darkness."""
@@ -93,10 +95,6 @@ def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, l
         rows=at,
         drop=drop,
     )
-
-
-WHOLE: Final = 0.9
-"""Share of the lines between the first and the last of a blank sheet that are bare paper. Assumed: dirt hides few."""
 
 
 def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool:

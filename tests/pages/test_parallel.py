@@ -15,7 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.pages import parallel
-from prooflight.pages.parallel import _page, _pool_of, _WorkerPool, due, parts_of, shared_out
+from prooflight.pages.parallel import (
+    _page,
+    _pool_of,
+    _WorkerPool,
+    due,
+    leave_processors,
+    parts_of,
+    shared_out,
+)
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -128,6 +136,15 @@ def test_a_process_of_pages_does_their_parts_itself(monkeypatch: pytest.MonkeyPa
     assert set(shared_out([threading.get_ident] * 8, threads=2)) == {threading.get_ident()}
     monkeypatch.undo()
     assert threading.get_ident() not in shared_out([threading.get_ident] * 8, threads=2)
+
+
+def test_parts_run_in_turn_while_other_processes_need_the_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel, "_elsewhere", [])
+    others = [0]
+    leave_processors(lambda threads: others[0] + threads > 4)
+    for others[0], threads, alone in ((0, 2, False), (3, 2, True), (2, 2, False), (2, 3, True), (0, 4, False)):
+        used = set(shared_out([threading.get_ident] * 8, threads=threads))
+        assert (used == {threading.get_ident()}) == alone
 
 
 @given(st.integers(0, 50), st.integers(1, 9))

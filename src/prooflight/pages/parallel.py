@@ -177,10 +177,11 @@ def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterat
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
     """Run the tasks on ``threads`` threads, and return their results in order; tasks must not be nested.
 
-    In a process of ``in_order`` they run one after the other: other pages use the other processors.
+    In a process of ``in_order`` they run one after the other, for other pages use the other processors; and so they do
+    in any process while others need these (``leave_processors``).
     """
     tasks = list(tasks)
-    if threads == 1 or len(tasks) <= 1 or _stored:
+    if threads == 1 or len(tasks) <= 1 or _stored or any(are_needed(threads) for are_needed in _elsewhere):
         return [task() for task in tasks]
     own, due_s, ended = _page.pool, _page.due_s(), threading.Event()
     goes_on = ended.set if own is None else partial(own.ask, ended.set, due_s)
@@ -189,6 +190,19 @@ def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[R
         own.leave()
     ended.wait()
     return [one.result() for one in done]
+
+
+_elsewhere: list[Callable[[int], bool]] = []
+"""Function of ``leave_processors``; empty: this process shares its processors with no other."""
+
+
+def leave_processors(are_needed: Callable[[int], bool]) -> None:
+    """Let ``shared_out`` use several threads only while other processes leave it their processors.
+
+    are_needed: function that returns whether others need some of the processors of so many threads; it is called before
+    each use, so that a page goes on alone when others come, and in parts when they have ended.
+    """
+    _elsewhere[:] = [are_needed]
 
 
 def parts_of(extent: int, parts: int) -> list[tuple[int, int]]:

@@ -275,7 +275,7 @@ def _rates(
 ) -> dict[int, float]:
     """Return whole inspections a second by number of worker processes, in the workers that a run uses."""
     most = max(worker_count(cores, inspector), 1)
-    workers = InspectionWorkers(most)
+    workers = InspectionWorkers(most, processors=cores)
     sheets = SheetInspector(inspector=inspector.with_threads(THREADS_A_WORKER), workers=workers)
     try:
         with ThreadPoolExecutor(cores) as crew:

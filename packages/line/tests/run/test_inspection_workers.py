@@ -41,7 +41,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def workers(cache: Path) -> Iterator[InspectionWorkers]:
-    made = InspectionWorkers(2)
+    made = InspectionWorkers(2, processors=2)
     yield made
     made.close()
 
@@ -85,6 +85,29 @@ def test_workers_give_the_verdicts_of_this_process(
             np.testing.assert_array_equal(result.stored_evidence[name], array)
     assert results[1].verdict.verdict == "misprint"
     assert len(list(cache.glob("*/*/*.design"))) == 1
+
+
+def test_workers_with_two_threads_give_the_verdicts_of_one(
+    alone: SheetInspector, ready: PackedDesign, page: Page, workers: InspectionWorkers
+) -> None:
+    """Whether they run depends on what other workers do; no value may."""
+    in_two = replace(alone, inspector=alone.inspector.with_threads(2), workers=workers)
+    for number, hole in ((1, True), (2, False)):
+        scan = scan_of(page, alone.inspector.press, number, hole=hole)
+        in_parts = in_two.inspect(ready, scan, name="it", seed=number, sheet=number)
+        expected = alone.inspect(ready, scan, name="it", seed=number, sheet=number)
+        assert replace(in_parts.verdict, milliseconds=0) == replace(expected.verdict, milliseconds=0)
+        assert in_parts.evidence.values == expected.evidence.values
+
+
+def test_workers_know_how_many_are_at_work(workers: InspectionWorkers) -> None:
+    assert workers.at_work == 0
+    with workers._reserved():
+        assert workers.at_work == 1
+        with workers._reserved():
+            assert workers.at_work == 2
+        assert workers.at_work == 1
+    assert workers.at_work == 0
 
 
 def test_a_misprint_is_known_before_its_worker_has_explained_it(
@@ -173,7 +196,7 @@ def test_a_worker_that_is_killed_costs_one_sheet(
     alone: SheetInspector, ready: PackedDesign, page: Page, cache: Path
 ) -> None:
     scan = scan_of(page, alone.inspector.press, 1, hole=False)
-    workers = InspectionWorkers(1)
+    workers = InspectionWorkers(1, processors=1)
     by_workers = replace(alone, workers=workers)
     first = by_workers.inspect(ready, scan, name="it", seed=1)
     (worker,) = workers.processes
@@ -212,8 +235,8 @@ def test_designs_that_the_run_uses_no_more_leave_the_disk(
 def test_what_a_killed_run_has_left_is_removed(cache: Path) -> None:
     (cache / "abc").mkdir(parents=True)
     (cache / "abc.lock").touch()
-    running = InspectionWorkers(1)
-    second = InspectionWorkers(1)
+    running = InspectionWorkers(1, processors=1)
+    second = InspectionWorkers(1, processors=1)
     assert len([one for one in cache.iterdir() if one.is_dir()]) == 2  # those of the two, not the old one
     running.close()
     second.close()

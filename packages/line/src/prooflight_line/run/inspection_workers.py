@@ -30,12 +30,13 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import InputError, ProoflightError
 from prooflight.files.lock import WriterLock, writer_lives
 from prooflight.files.user_folders import user_folder
-from prooflight.pages.parallel import KILLED, end_with_parent
+from prooflight.pages.parallel import KILLED, end_with_parent, leave_processors
 from prooflight.pages.process import settle_process
 from prooflight_line.run.shared_designs import SharedDesigns, read_design
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from ctypes import c_int
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
     from pathlib import Path
@@ -49,11 +50,12 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 THREADS_A_WORKER: Final = 2
-"""Threads of a worker, where there are processors for two workers.
+"""Threads of a worker, while there are processors for all that are at work.
 
 A page calls a thousand kernels, and its thread needs the interpreter after each: on 16 processors, one process with 8
 threads inspected 10.7 sheets a second, 8 processes with 2 each 55 (docs/performance.md)."""
 INSPECTOR_FILE: Final = "inspector"
+SPAWN: Final = multiprocessing.get_context("spawn")
 
 
 def worker_count(threads: int, inspector: Inspector, *, source_waits: bool = False) -> int:
@@ -73,13 +75,15 @@ def worker_count(threads: int, inspector: Inspector, *, source_waits: bool = Fal
 class InspectionWorkers:
     """Worker processes of one run; safe to call from several threads at once."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, *, processors: int) -> None:
         """Prepare for ``count`` processes, which start with their first sheet.
 
-        InputError: the user's cache folder cannot be written.
+        processors: number that they may use; while others need them, a process inspects in one thread. InputError: the
+        user's cache folder cannot be written.
         """
+        self._at_work = SPAWN.RawValue("i", 0)
         self._folder, self._lock = _own_folder(user_folder("cache") / "workers")
-        self._workers = [_Worker() for _ in range(count)]
+        self._workers = [_Worker(self._at_work, processors) for _ in range(count)]
         self._idle, self._changed = list(self._workers), threading.Condition()
         self._designs = SharedDesigns()
         self._numbers, self._writing = itertools.count(), threading.Lock()
@@ -134,11 +138,13 @@ class InspectionWorkers:
             self._changed.wait_for(lambda: only in self._idle if only else bool(self._idle))
             worker = only or self._idle[-1]
             self._idle.remove(worker)
+            self._at_work.value = len(self._workers) - len(self._idle)
         try:
             yield worker
         finally:
             with self._changed:
                 self._idle.append(worker)
+                self._at_work.value = len(self._workers) - len(self._idle)
                 self._changed.notify_all()
 
     def provide(self, inspector: SheetInspector, ready: PackedDesign) -> tuple[Path, Path]:
@@ -164,6 +170,11 @@ class InspectionWorkers:
                 self._first = self._first or alone
                 self._inspectors[inspector] = folder
             return folder
+
+    @property
+    def at_work(self) -> int:
+        """Number of workers that have a sheet or a design now."""
+        return self._at_work.value
 
     @property
     def processes(self) -> list[int]:
@@ -223,7 +234,8 @@ def _own_folder(base: Path) -> tuple[Path, WriterLock]:
 class _Worker:
     """One worker process, as the run sees it; used by one thread at a time."""
 
-    def __init__(self) -> None:
+    def __init__(self, at_work: c_int, processors: int) -> None:
+        self._at_work, self._processors = at_work, processors
         self._scan: SharedMemory | None = None
         self.process: SpawnProcess | None = None
 
@@ -272,9 +284,8 @@ class _Worker:
             self._scan.unlink()
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._link, end = context.Pipe()
-        self.process = context.Process(target=_work, args=(end,), daemon=True)
+        self._link, end = SPAWN.Pipe()
+        self.process = SPAWN.Process(target=_work, args=(end, self._at_work, self._processors), daemon=True)
         self.process.start()
         end.close()
 
@@ -289,11 +300,15 @@ class _Worker:
         return self._scan
 
 
-def _work(link: Connection) -> None:
-    """Inspect sheets, and read designs, until the run closes the link."""
+def _work(link: Connection, at_work: c_int, processors: int) -> None:
+    """Inspect sheets, and read designs, until the run closes the link.
+
+    at_work: number of workers that do so now. processors: number that they may all use.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which inspects what has passed
     threading.Thread(target=end_with_parent, daemon=True).start()
     settle_process()
+    leave_processors(lambda threads: at_work.value * threads > processors)
     designs = _Designs()
     scans = dict[str, SharedMemory]()
     while True:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight_line.run.following import Adapting
-from prooflight_line.run.inspection_workers import InspectionWorkers, worker_count
+from prooflight_line.run.inspection_workers import THREADS_A_WORKER, InspectionWorkers, worker_count
 from prooflight_line.run.monitor.evidence import columns_mm
 from prooflight_line.run.monitor.run import RunMonitor
 from prooflight_line.run.outcomes import RunWatch
@@ -61,7 +61,7 @@ def watched(
         false_alarms=false_alarms,
     )
     workers = worker_count(settings.inspectors, inspector, source_waits=settings.source_waits)
-    threads = settings.inspectors // workers if workers else threads_a_sheet(settings)
+    threads, processors = THREADS_A_WORKER if workers else threads_a_sheet(settings), settings.inspectors
     if workers:
         settings = replace(settings, inspectors=workers, explainers=EXPLAINERS)
     watch = RunWatch(
@@ -86,7 +86,7 @@ def watched(
             inspector=inspector.with_threads(threads),
             keep=keep,
             sampling=Sampling(sample=settings.sample, seed=settings.seed),
-            workers=InspectionWorkers(workers + EXPLAINERS) if workers else None,
+            workers=InspectionWorkers(workers + EXPLAINERS, processors=processors) if workers else None,
         ),
         watch=watch,
         settings=settings,

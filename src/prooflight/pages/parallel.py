@@ -177,11 +177,10 @@ def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterat
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
     """Run the tasks on ``threads`` threads, and return their results in order; tasks must not be nested.
 
-    In a process of ``in_order`` they run one after the other, for other pages use the other processors; and so they do
-    in any process while others need these (``leave_processors``).
+    They run one after the other where ``threads_now`` is 1.
     """
     tasks = list(tasks)
-    if threads == 1 or len(tasks) <= 1 or _stored or any(are_needed(threads) for are_needed in _elsewhere):
+    if len(tasks) <= 1 or threads_now(threads) == 1:
         return [task() for task in tasks]
     own, due_s, ended = _page.pool, _page.due_s(), threading.Event()
     goes_on = ended.set if own is None else partial(own.ask, ended.set, due_s)
@@ -203,6 +202,14 @@ def leave_processors(are_needed: Callable[[int], bool]) -> None:
     each use, so that a page goes on alone when others come, and in parts when they have ended.
     """
     _elsewhere[:] = [are_needed]
+
+
+def threads_now(threads: int) -> int:
+    """Return how many of so many threads ``shared_out`` would use: all, or one where processors are needed elsewhere.
+
+    In a process of ``in_order``, other pages use them; in others ``leave_processors`` tells.
+    """
+    return 1 if _stored or any(are_needed(threads) for are_needed in _elsewhere) else threads
 
 
 def parts_of(extent: int, parts: int) -> list[tuple[int, int]]:

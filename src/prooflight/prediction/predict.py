@@ -18,7 +18,7 @@ from prooflight.kernels.prediction.lines import (
 )
 from prooflight.kernels.prediction.lookup import AT_ONCE, lookup_light
 from prooflight.kernels.prediction.moving import filter_moved_lines
-from prooflight.pages.parallel import shared_out
+from prooflight.pages.parallel import shared_out, threads_now
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
@@ -198,6 +198,7 @@ def levels_of(sensor: SensorModel) -> ColumnLevels:
 
 def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:
     """Run ``works`` on all lines, in bands on all workers; adjacent bands filter some of the same rows."""
+    workers = threads_now(workers)
     band = lines if workers == 1 else -(-lines // (BANDS_A_WORKER * workers))
     tasks = [
         partial(work, line_from=start, line_to=min(start + band, lines))

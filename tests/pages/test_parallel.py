@@ -142,7 +142,13 @@ def test_parts_run_in_turn_while_other_processes_need_the_processors(monkeypatch
     monkeypatch.setattr(parallel, "_elsewhere", [])
     others = [0]
     leave_processors(lambda threads: others[0] + threads > 4)
-    for others[0], threads, alone in ((0, 2, False), (3, 2, True), (2, 2, False), (2, 3, True), (0, 4, False)):
+    for others[0], threads, alone in (
+        (0, 2, False),
+        (3, 2, True),
+        (2, 2, False),
+        (2, 3, True),
+        (0, 4, False),
+    ):
         used = set(shared_out([threading.get_ident] * 8, threads=threads))
         assert (used == {threading.get_ident()}) == alone
 

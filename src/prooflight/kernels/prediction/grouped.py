@@ -21,21 +21,53 @@ from prooflight.kernels.vectors import fetch
 
 AHEAD = 3
 """Rows ahead of the composed one, of the plane that lies highest, that are fetched from memory."""
+PART = 8
+"""Pixels of a part of a row, of each of which a byte of a 64-bit integer says something."""
+PARTS = GROUP // PART
 ALL_FLAT = np.uint64(0x0101010101010101)
 """Eight groups that are flat."""
 
 
 @inner_kernel()
 def differing_row(above, here, out):  # type: ignore[no-untyped-def]
-    """Compute where a row (columns,) differs from the one above or from the pixel to the left, out (columns,).
+    """Compute where a row (columns,) differs from the one above or from the pixel to the left, out (columns,) of bytes.
 
     Return whether it does anywhere.
     """
-    every = out[0] = (here[0] ^ above[0]) | here[0]
+    every = (here[0] ^ above[0]) | here[0]
+    out[0] = every != 0
     for i in range(1, here.size):
-        out[i] = (here[i] ^ above[i]) | (here[i] ^ here[i - 1])
-        every |= out[i]
+        differs = (here[i] ^ above[i]) | (here[i] ^ here[i - 1])
+        out[i] = differs != 0
+        every |= differs
     return every != 0
+
+
+@inner_kernel()
+def add_masked(parts, mask, out):  # type: ignore[no-untyped-def]
+    """Add the bits of ``parts`` (n,) within a mask to those of out (n,)."""
+    for i in range(out.size):
+        out[i] |= parts[i] & mask
+
+
+@inner_kernel()
+def add_near(parts, first, reach, out):  # type: ignore[no-untyped-def]
+    """Compute which parts (n,) from ``first`` on have a byte of 1 within a reach, out (n,): not 0 there.
+
+    parts (any,) uint64: the bytes of a row, lowest first. The reach is one byte less to the left, where a byte says
+    that its pixel differs from the one before.
+    """
+    whole = ~np.uint64(0)
+    for i in range(out.size):
+        out[i] = parts[first + i]
+    for side, bytes_there in ((-1, reach - 1), (1, reach)):
+        for step in range(1, bytes_there // PART + 1):
+            at = first + side * step
+            add_masked(parts[at : at + out.size], whole, out)
+        if bytes_there % PART:
+            at, rest = first + side * (bytes_there // PART + 1), np.uint64(8 * (PART - bytes_there % PART))
+            mask = whole << rest if side < 0 else whole >> rest
+            add_masked(parts[at : at + out.size], mask, out)
 
 
 @kernel("packed (H, W), reach, changes (H + 1, W // GROUP)", where="0 < W, 1 <= reach")
@@ -45,22 +77,28 @@ def find_changes(packed, reach, changes):  # type: ignore[no-untyped-def]
     changes (rows + 1, whole groups) bool. Beyond the page is no ink, and its end is a change where ink ends.
     """
     rows, columns = packed.shape
+    groups = changes.shape[1]
     blank = np.zeros(columns, np.uint32)
-    differs = np.zeros(columns, np.uint32)
+    beyond = reach // PART + 1  # parts without pixels before the first group, and after the row's last pixel
+    near = np.empty(groups * PARTS, np.uint64)
+    parts = np.zeros(near.size + PARTS + 2 * beyond, np.uint64)
+    differs = parts.view(np.uint8)[PART * beyond : PART * beyond + columns]
+    last = max((columns - reach) // GROUP, 0)  # first group from which the page's end is in reach
     for row in range(rows + 1):
         above, here = packed[row - 1] if row > 0 else blank, packed[row] if row < rows else blank
         if not differing_row(above, here, differs) and here[columns - 1] == 0:
-            for group in range(changes.shape[1]):
+            for group in range(groups):
                 changes[row, group] = False
             continue
-        for group in range(changes.shape[1]):
-            near = differs[max(GROUP * group - reach + 1, 0) : GROUP * (group + 1) + reach]
-            every = np.uint32(0)
-            for i in range(near.size):
-                every |= near[i]
-            if GROUP * (group + 1) + reach > columns:
-                every |= here[columns - 1]
+        add_near(parts, beyond, reach, near)
+        for group in range(groups):
+            every = np.uint64(0)
+            for part in range(PARTS * group, PARTS * (group + 1)):
+                every |= near[part]
             changes[row, group] = every != 0
+        if here[columns - 1] != 0:
+            for group in range(last, groups):
+                changes[row, group] = True
 
 
 @intrinsic

@@ -88,14 +88,24 @@ def _fine_structure(packed: NDArray[np.uint32], step: float) -> NDArray[np.uint8
     side, pixel = max(round(WINDOW * step), 2), max(round(step), 1)
     ink = np.empty(packed.shape, np.uint8)
     greatest_inks(packed, ink)
+    fine = np.zeros(packed.shape, np.uint8)
+    left, top, width, height = cv2.boundingRect(ink)
+    if width == 0:
+        return fine
+    # As far from ink, squares have none: a page's margins are not searched.
+    inked = slice(max(top - side, 0), top + height + side), slice(max(left - side, 0), left + width + side)
+    ink = ink[inked]
     before = side // 2
     after = side - 1 - before
     of_ink, of_seen = (
         np.asarray(cv2.copyMakeBorder(image, before, after, before, after, cv2.BORDER_REFLECT_101), np.uint8)
         for image in (ink, cv2.blur(ink, (pixel, pixel)))
     )
-    fine = np.empty(packed.shape, np.uint8)
-    find_blurred(of_ink, of_seen, side, np.float32((255 * LEAST_CONTRAST) ** 2), np.float32(NYQUIST**2), fine)
+    blurred = np.empty(ink.shape, np.uint8)
+    find_blurred(
+        of_ink, of_seen, side, np.float32((255 * LEAST_CONTRAST) ** 2), np.float32(NYQUIST**2), blurred
+    )
+    fine[inked] = blurred
     return fine
 
 

@@ -56,6 +56,15 @@ OF_NUMPY: Final = frozenset(
 """What is read besides the program's own classes."""
 
 
+def mapped_file(path: Path) -> mmap.mmap:
+    """Map a file for kernels, which take arrays that can be written; what nobody writes, processes share.
+
+    OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreparedStore:
     """Prepared designs of one job on one press."""
@@ -94,11 +103,7 @@ class PreparedStore:
         """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
         path = self.path(design)
         try:
-            with path.open("rb") as file:
-                # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
-                ready = self.decoded(
-                    _checked(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
-                )
+            ready = self.decoded(_checked(memoryview(mapped_file(path))))
             os.utime(self.folder)  # by which the least recently used job is found
         except FileNotFoundError:
             return None

@@ -204,10 +204,12 @@ class PrintAndInspect:
     def with_pictures(self, sheets: Sequence[Print]) -> _WithPictures:
         """Return the same work, which also makes the pictures of the report as a whole.
 
-        Its first sheet brings the marks that would be caught; the first good print brings the two worlds.
+        Its first sheet brings the marks that would be caught; the first good print after it brings the two worlds, so
+        that no sheet takes so long that others wait for it.
         """
-        first = next((sheet.index for sheet in sheets if sheet.first_kind is None), None)
-        return _WithPictures(work=self, compared=first if self.world == "press" else None)
+        good = [sheet.index for sheet in sheets if sheet.first_kind is None]
+        compared = next((index for index in good if index > 0), 0 if good else None)
+        return _WithPictures(work=self, compared=compared if self.world == "press" else None)
 
     def _placed(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))

@@ -1,9 +1,10 @@
 """Training of a press's detectors on simulated prints before it has printed.
 
 Where nothing is compiled yet, a press's first prints take a minute of compiling, one kernel after the other as they
-are called: pages are printed, located, compared, and residuals are scored. A process of its own
-(``compile_in_background``) begins after the location of pages, and a process that comes to a kernel that it has
-compiled, or is about to, takes it over.
+are called: pages are prepared, printed, located, compared, and residuals are scored. All processes that print come to
+each kernel at the same time, so that one compiles and the others wait. A process of its own (``compile_in_background``)
+prints a page first, and then begins after the location of pages; a process that comes to a kernel that it has compiled,
+or is about to, takes it over.
 """
 
 from __future__ import annotations
@@ -44,8 +45,11 @@ from prooflight.kernels.statistics.forest import shares_of
 from prooflight.pages.parallel import Processes, in_order, worker_processes
 from prooflight.prediction.predict import predict
 from prooflight.registration.register import Registration
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import scope_of
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import stated_amounts
 
 if TYPE_CHECKING:
@@ -218,6 +222,9 @@ def compile_in_background(press: Press, pages: Designs) -> None:
 
 def _compile(press: Press, page: Page) -> None:
     with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is for whoever started this process
+        rng = stream(0, "training-session", 0)
+        day = SimulatedDay(press=press, session=Session.draw(stated_amounts(press)[0], press, rng))
+        day.recorded(day.seen_in_press(page, rng), rng)
         score_unlocated(press, page)
 
 

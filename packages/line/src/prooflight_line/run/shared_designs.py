@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
-import mmap
 import os
 import threading
 import weakref
 from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import ProoflightError
-from prooflight.inspection.prepared_store import PreparedStore
+from prooflight.inspection.prepared_store import PreparedStore, mapped_file
 from prooflight.pages.memory import available_bytes
 
 if TYPE_CHECKING:
@@ -106,9 +105,7 @@ def _write(file: Path | int, pieces: list[bytes | memoryview]) -> None:
 def read_design(file: Path, inspector: Inspector) -> PackedDesign:
     """Return the design in a file of ``SharedDesigns``; ProoflightError: it cannot be read."""
     try:
-        with file.open("rb") as opened:
-            # Kernels take arrays that can be written; what nobody writes stays shared.
-            mapped = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_COPY)
+        mapped = mapped_file(file)
     except OSError as error:
         raise ProoflightError(f"{file}: the design cannot be read: {error}") from error
     with contextlib.suppress(OSError, AttributeError):  # an older system, or another than Linux

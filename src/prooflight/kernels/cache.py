@@ -205,9 +205,8 @@ def few_collections() -> Iterator[None]:
     try:
         yield
     finally:
-        if (
-            gc.get_threshold() == seldom
-        ):  # else the first collection of a command has ended its own delay meanwhile
+        # Else the first collection of a command has ended its own delay meanwhile.
+        if gc.get_threshold() == seldom:
             gc.set_threshold(*usual)
 
 

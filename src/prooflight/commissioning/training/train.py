@@ -222,6 +222,7 @@ def compile_in_background(press: Press, pages: Designs) -> None:
 
 def _compile(press: Press, page: Page) -> None:
     with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is for whoever started this process
+        # Printing, while those that train are still preparing their first page.
         rng = stream(0, "training-session", 0)
         day = SimulatedDay(press=press, session=Session.draw(stated_amounts(press)[0], press, rng))
         day.recorded(day.seen_in_press(page, rng), rng)

@@ -138,13 +138,13 @@ class InspectionWorkers:
             self._changed.wait_for(lambda: only in self._idle if only else bool(self._idle))
             worker = only or self._idle[-1]
             self._idle.remove(worker)
-            self._at_work.value = len(self._workers) - len(self._idle)
+            self._at_work.value += 1
         try:
             yield worker
         finally:
             with self._changed:
                 self._idle.append(worker)
-                self._at_work.value = len(self._workers) - len(self._idle)
+                self._at_work.value -= 1
                 self._changed.notify_all()
 
     def provide(self, inspector: SheetInspector, ready: PackedDesign) -> tuple[Path, Path]:
